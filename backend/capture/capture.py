@@ -108,15 +108,15 @@ class Capture:
         )
 
     def of_split(self, split: Split) -> tuple[CaptureView, ...]:
-        """The views of one split, in file order."""
+        """Select the views of one split, in file order."""
         return tuple(view for view in self.views if view.split == split)
 
     def light_of(self, view: CaptureView) -> Light | None:
-        """The light of a view; None: not known."""
+        """Look up the light of a view; None: not known."""
         return None if view.light is None else self.lights[view.light].light
 
     def read_linear(self, view: CaptureView) -> np.ndarray:
-        """[H, W, 4] float32 of any view: scene-linear Rec.709 colour premultiplied by alpha, and alpha.
+        """Read [H, W, 4] float32 of any view: scene-linear Rec.709 colour premultiplied by alpha, and alpha.
 
         Colours are as the light makes them: the exposure is divided out.
 
@@ -135,7 +135,7 @@ class Capture:
         return pixels
 
     def read_image(self, view: CaptureView) -> np.ndarray:
-        """[H, W, 4] float32: sRGB-encoded colour times alpha (the image on black), and alpha.
+        """Read [H, W, 4] float32: sRGB-encoded colour times alpha (the image on black), and alpha.
 
         Raises:
             LiveHandError: the image is missing, unreadable, not RGBA, or not of the view's size.
@@ -144,7 +144,7 @@ class Capture:
         return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], -1)
 
     def read_pixels(self, view: CaptureView) -> np.ndarray:
-        """[H, W, 4] uint8: straight sRGB-encoded colour, and alpha.
+        """Read [H, W, 4] uint8: straight sRGB-encoded colour, and alpha.
 
         Raises:
             LiveHandError: as `read_image`, for the image or its mask.
@@ -208,7 +208,7 @@ def save_capture_index(capture: Capture) -> None:
 
 
 def index_document(capture: Capture) -> str:
-    """The text of the capture's `transforms.json`."""
+    """Write out the capture's `transforms.json` as text."""
     document = {
         "format": FORMAT,
         "version": LIT_VERSION if capture.is_lit else VERSION,
@@ -252,7 +252,7 @@ def _view_entry(view: CaptureView) -> dict:
 
 
 def read_all(path: Path, calls: Iterable[tuple]) -> tuple:
-    """The results of all calls (function, *arguments), which read parts of the file.
+    """Collect the results of all calls (function, *arguments), which read parts of the file.
 
     Raises:
         LiveHandError: with the faults of all calls.
@@ -292,7 +292,7 @@ def _read_view(entry: dict | object, pose_count: int) -> CaptureView:
 
 
 def _read_lit_view(entry: dict | object, pose_count: int, light_count: int) -> CaptureView:
-    """A view of version 2, which may have a light and an exposure."""
+    """Read a view of version 2, which may have a light and an exposure."""
     view = _read_view(entry, pose_count)
     light, exposure = (entry.get("light"), entry.get("exposure", 1.0)) if isinstance(entry, dict) else (None, 1.0)
     is_index = isinstance(light, int) and not isinstance(light, bool) and 0 <= light < light_count
@@ -316,7 +316,7 @@ def _read_poses(path: Path) -> tuple[HandPose, ...]:
 def read_pose(
     index: int, theta: np.ndarray, beta: np.ndarray, transl: np.ndarray, side: object, *forearm: np.ndarray
 ) -> HandPose:
-    """The pose of a file's row, with or without a forearm.
+    """Build the pose of a file's row, with or without a forearm.
 
     Raises:
         LiveHandError: with the row's index and its fault.

@@ -84,7 +84,7 @@ def _image_faults(capture: Capture, hand: HandModel, decode: bool) -> list[str]:
 
 
 def hand_box(vertices: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """[2, 2] the smallest and largest (x, y) px of the hand in the image; None if too little of it is in the image."""
+    """Find [2, 2] the smallest and largest (x, y) px of the hand in the image; None if too little of it is there."""
     positions_px, depth = camera.project(vertices)
     is_inside = (depth > NEAR_M) & (positions_px >= 0).all(1) & (positions_px < camera.size_px).all(1)
     if is_inside.mean() < _SHARE_IN_IMAGE:
@@ -93,7 +93,7 @@ def hand_box(vertices: np.ndarray, camera: Camera) -> np.ndarray | None:
 
 
 def _header_fault(capture: Capture, view: CaptureView) -> str | None:
-    """The fault in the headers of the image and its mask, if any."""
+    """Find the fault in the headers of the image and its mask, if any."""
     try:
         for file in (view.file, view.mask):
             if file is None:
@@ -109,7 +109,7 @@ def _header_fault(capture: Capture, view: CaptureView) -> str | None:
 
 
 def _pixel_fault(capture: Capture, view: CaptureView, box: np.ndarray | None) -> str | None:
-    """The fault in the pixels, if any: unreadable, or with alpha where the hand is not."""
+    """Find the fault in the pixels, if any: unreadable, or with alpha where the hand is not."""
     try:
         is_hand = _alpha(capture, view) >= _HAND_ALPHA
     except LiveHandError as error:
@@ -130,7 +130,7 @@ def _pixel_fault(capture: Capture, view: CaptureView, box: np.ndarray | None) ->
 
 
 def _alpha(capture: Capture, view: CaptureView) -> np.ndarray:
-    """[H, W] in [0, 1]; image and mask are both read."""
+    """Read the alpha [H, W] in [0, 1]; image and mask are both read."""
     return capture.read_linear(view)[..., 3] if view.is_linear else capture.read_pixels(view)[..., 3] / 255
 
 

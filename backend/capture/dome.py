@@ -22,7 +22,7 @@ class Lobe(NamedTuple):
     exponent: float
 
     def at(self, directions: np.ndarray) -> np.ndarray:
-        """[..., 3] its radiance from the unit directions [..., 3]."""
+        """Look up its radiance [..., 3] from the unit directions [..., 3]."""
         cosine = directions @ (np.array(self.towards) / np.linalg.norm(self.towards))
         return np.maximum(cosine, 0)[..., None] ** self.exponent * np.array(self.radiance)
 
@@ -37,7 +37,7 @@ GROUND, ZENITH = (0.22, 0.205, 0.19), (0.36, 0.39, 0.44)
 
 @cache
 def dome_sky() -> Sky:
-    """The dome as a map of `SKY_SIZE`."""
+    """Draw the dome as a map of `SKY_SIZE`."""
     up = fine_directions()[..., 2:]
     gradient = np.array(GROUND) + (up + 1) / 2 * (np.array(ZENITH) - np.array(GROUND))
     return sky_of(gradient + sum(lobe.at(fine_directions()) for lobe in LOBES))
@@ -45,12 +45,12 @@ def dome_sky() -> Sky:
 
 @cache
 def fine_directions() -> np.ndarray:
-    """[H, W, 3] unit directions of a map that is finer than `SKY_SIZE`, for `sky_of`."""
+    """Compute [H, W, 3] unit directions of a map that is finer than `SKY_SIZE`, for `sky_of`."""
     return sky_directions(SKY_SIZE[1] * _FINER, SKY_SIZE[0] * _FINER)
 
 
 def sky_of(radiance: np.ndarray) -> Sky:
-    """The map of `SKY_SIZE` whose texels are the means of a finer one's; its values are half floats."""
+    """Reduce a finer map to `SKY_SIZE` by the means of its texels; the values are half floats."""
     solid_angles = np.linalg.norm(fine_directions()[..., :2], axis=-1)[..., None]
     total, weight = _block_sums(radiance * solid_angles), _block_sums(solid_angles)
     return Sky((total / weight).astype(np.float16).astype(np.float32))

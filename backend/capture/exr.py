@@ -42,7 +42,7 @@ class _Header:
 
 
 def read_exr(path: Path) -> dict[str, np.ndarray]:
-    """The channels [H, W] of a picture by name, float16 or float32 as in the file; 0 where the file has no data.
+    """Read the channels [H, W] of a picture by name, float16 or float32 as in the file; 0 where the file has no data.
 
     Raises:
         LiveHandError: missing, damaged, or of another kind: tiles, several parts, subsampled, other compressions.
@@ -56,7 +56,7 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_exr_header(path: Path) -> tuple[tuple[str, ...], tuple[int, int]]:
-    """The names of the channels, and (width, height) px.
+    """Read the names of the channels, and (width, height) px.
 
     Raises:
         LiveHandError: as `read_exr`, but for damage after the header.
@@ -155,7 +155,7 @@ def _channels_of(data: bytes, header: _Header) -> dict[str, np.ndarray]:
 
 
 def _on_display(rows: np.ndarray, header: _Header) -> dict[str, np.ndarray]:
-    """The channels of the data window's rows, on the display window."""
+    """Place the channels of the data window's rows on the display window."""
     (width, height), (x0, y0) = header.size_px, header.display_box[:2]
     left, top, right, bottom = np.array(header.data_box) - [x0, y0, x0, y0]
     inside = slice(max(top, 0), min(bottom + 1, height)), slice(max(left, 0), min(right + 1, width))
@@ -171,7 +171,7 @@ def _on_display(rows: np.ndarray, header: _Header) -> dict[str, np.ndarray]:
 
 
 def _unpacked(packed: bytes, size: int) -> np.ndarray:
-    """The bytes of a ZIP block of a size: differences are added up, then the two halves are interleaved."""
+    """Unpack a ZIP block of a size: differences are added up, then the two halves are interleaved."""
     raw = np.frombuffer(zlib.decompressobj().decompress(packed, size + 1), np.uint8)
     steps = raw ^ 128  # minus 128, modulo 256 as their sum
     steps[0] ^= 128
@@ -182,7 +182,7 @@ def _unpacked(packed: bytes, size: int) -> np.ndarray:
 
 
 def _packed(block: np.ndarray) -> bytes:
-    """`block` as `_unpacked` reads it, or as it is where that would not be smaller."""
+    """Pack `block` as `_unpacked` reads it, or leave it as it is where that would not be smaller."""
     halves = np.concatenate([block[0::2], block[1::2]])
     differences = np.diff(halves, prepend=np.uint8(0)) + np.uint8(128)
     differences[0] = halves[0]

@@ -23,15 +23,15 @@ class HalfSizeCapture(Capture):
     whole: dict[str, CaptureView] = field(kw_only=True)
 
     def read_linear(self, view: CaptureView) -> np.ndarray:
-        """As `Capture.read_linear`."""
+        """Read as `Capture.read_linear` does."""
         return _halved(self.full.read_linear(self.whole[view.file]))
 
     def read_image(self, view: CaptureView) -> np.ndarray:
-        """As `Capture.read_image`."""
+        """Read as `Capture.read_image` does."""
         return _halved(self.full.read_image(self.whole[view.file]))
 
     def read_pixels(self, view: CaptureView) -> np.ndarray:
-        """As `Capture.read_pixels`."""
+        """Read as `Capture.read_pixels` does."""
         whole = self.full.read_pixels(self.whole[view.file]).astype(np.float32) / 255
         whole[..., :3] *= whole[..., 3:]
         small = _halved(whole)
@@ -40,7 +40,7 @@ class HalfSizeCapture(Capture):
 
 
 def half_size(capture: Capture) -> Capture:
-    """The capture at half its size."""
+    """Reduce the capture to half its size."""
     views = tuple(replace(view, camera=_halved_camera(view.camera)) for view in capture.views)
     provenance = {**capture.provenance, "half_size": True}
     whole = {view.file: view for view in capture.views}
@@ -54,6 +54,6 @@ def _halved_camera(camera: Camera) -> Camera:
 
 
 def _halved(pixels: np.ndarray) -> np.ndarray:
-    """[H, W, C] -> [H // 2, W // 2, C], means of 2 x 2."""
+    """Average [H, W, C] over 2 x 2: [H // 2, W // 2, C]."""
     height, width = (side // 2 for side in pixels.shape[:2])
     return pixels[: 2 * height, : 2 * width].reshape(height, 2, width, 2, -1).mean((1, 3))

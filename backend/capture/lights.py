@@ -33,12 +33,12 @@ class CaptureLight:
 
 
 def sky_path(index: int) -> str:
-    """The file of a light's sky, relative to the capture's folder."""
+    """Name the file of a light's sky, relative to the capture's folder."""
     return f"lights/sky{index:04d}.exr"
 
 
 def light_entry(index: int, light: CaptureLight) -> dict:
-    """The light's entry in `transforms.json`."""
+    """Write out the light's entry in `transforms.json`."""
     entry: dict = {"kind": light.kind, "lamps": [_lamp_entry(lamp) for lamp in light.light.lamps]}
     sky = light.light.sky
     if sky is not None:
@@ -51,7 +51,7 @@ def light_entry(index: int, light: CaptureLight) -> dict:
 
 
 def _lamp_entry(lamp: Lamp) -> dict:
-    """Its attributes that differ from the defaults."""
+    """Write out the lamp's attributes that differ from the defaults."""
     entry: dict = {"kind": lamp.kind, "rgb": np.asarray(lamp.rgb).tolist()}
     plain = _plain_lamp()
     for name in _lamp_fields()[2:]:
@@ -91,7 +91,7 @@ def _sky_channels(sky: Sky) -> dict[str, np.ndarray]:
 
 
 def read_light(folder: Path, name: str, entry: object) -> CaptureLight:
-    """The light of an entry of `lights`, which messages call by this name.
+    """Read the light of an entry of `lights`, which messages call by this name.
 
     Raises:
         LiveHandError: with the entry's name and its fault.

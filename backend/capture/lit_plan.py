@@ -24,7 +24,7 @@ class LitViews(NamedTuple):
 
 
 def light_views(views: Sequence[CaptureView], seed: int, hand_size: float) -> LitViews:
-    """The views with a light each: a training view becomes one of each light group, a held-out view stays one.
+    """Give each view a light: a training view becomes one of each light group, a held-out view stays one.
 
     Args:
         views: of the capture; a `novel_light` view may show what a training view shows.
@@ -48,7 +48,7 @@ def light_views(views: Sequence[CaptureView], seed: int, hand_size: float) -> Li
 
 
 def of_first_poses(lit: LitViews, count: int) -> LitViews:
-    """The views of the first poses, and their lights."""
+    """Select the views of the first poses, and their lights."""
     kept = [view for view in lit.views if view.pose_index < count]
     used = sorted({view.light for view in kept if view.light is not None})
     place = {light: index for index, light in enumerate(used)}
@@ -57,7 +57,7 @@ def of_first_poses(lit: LitViews, count: int) -> LitViews:
 
 
 def _held_out_kinds(views: Sequence[CaptureView], split: Split, seed: int) -> list:
-    """A kind of light for each view of a held-out split, in equal parts; the dome is not novel."""
+    """Draw a kind of light for each view of a held-out split, in equal parts; the dome is not novel."""
     kinds = HELD_OUT_KINDS if split != "novel_light" else HELD_OUT_KINDS[:-1]
     count = sum(view.split == split for view in views)
     repeated = [kinds[index % len(kinds)] for index in range(count)]
@@ -70,7 +70,7 @@ def _generator(view: CaptureView, seed: int) -> np.random.Generator:
 
 
 def _towards(view: CaptureView) -> np.ndarray:
-    """[3] unit direction from the hand to the camera, which looks at it."""
+    """Return [3] unit direction from the hand to the camera, which looks at it."""
     return -view.camera.cam2world[:3, 2]
 
 

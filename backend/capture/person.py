@@ -46,7 +46,7 @@ class Person:
     nail_polish: tuple[float, float, float] | None = None
 
     def facts(self) -> dict:
-        """Its numbers, as a JSON file holds them."""
+        """Write out the person's numbers, as a JSON file holds them."""
         return asdict(self)
 
 
@@ -70,7 +70,7 @@ PERSONS = {
 
 
 def find_person(name_or_path: str) -> Person:
-    """A person of the table, or of a JSON file with the attributes' names as keys.
+    """Find a person of the table, or read one of a JSON file with the attributes' names as keys.
 
     Raises:
         LiveHandError: neither is there, or the file has unknown keys or numbers out of range.

@@ -15,7 +15,7 @@ ALPHA_MODES = ("RGBA", "LA")
 
 
 def read_picture(path: Path, mode: str, size_px: tuple[int, int]) -> tuple[str, np.ndarray]:
-    """An image's own mode, and its pixels [H, W, ...] uint8 in the requested mode.
+    """Read an image's own mode, and its pixels [H, W, ...] uint8 in the requested mode.
 
     Raises:
         LiveHandError: missing, unreadable, or not of the given size.
@@ -29,7 +29,7 @@ def read_picture(path: Path, mode: str, size_px: tuple[int, int]) -> tuple[str, 
 
 
 def read_linear_picture(path: Path, size_px: tuple[int, int], has_mask: bool) -> np.ndarray:
-    """[H, W, 4] float32 of an OpenEXR file: linear colour premultiplied by alpha, and alpha (1 where it has none).
+    """Read [H, W, 4] float32 of an OpenEXR file: linear colour premultiplied by alpha, and alpha (1 where it has none).
 
     Raises:
         LiveHandError: missing, unreadable, not of the given size, without R, G and B, not finite or with alpha outside
@@ -51,23 +51,23 @@ def read_linear_picture(path: Path, size_px: tuple[int, int], has_mask: bool) ->
 
 
 def straight(pixels: np.ndarray) -> np.ndarray:
-    """[H, W, 3] the colours of premultiplied pixels [H, W, 4] without their alpha."""
+    """Return the colours [H, W, 3] of premultiplied pixels [H, W, 4] without their alpha."""
     alpha = pixels[..., 3:]
     return pixels[..., :3] / np.where(alpha > 0, alpha, 1)
 
 
 def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
-    """Scene-linear values of sRGB-encoded ones, both in [0, 1]."""
+    """Decode sRGB-encoded values to scene-linear ones, both in [0, 1]."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4).astype(encoded.dtype)
 
 
 def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
-    """sRGB-encoded values of scene-linear ones, both in [0, 1]."""
+    """Encode scene-linear values as sRGB, both in [0, 1]."""
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055).astype(linear.dtype)
 
 
 def read_mask(path: Path, size_px: tuple[int, int]) -> np.ndarray:
-    """[H, W] uint8: a mask's alpha if it has any, else its brightness.
+    """Read [H, W] uint8: a mask's alpha if it has any, else its brightness.
 
     Raises:
         LiveHandError: missing, unreadable, not of the given size, or of more than 8 bits per channel.
@@ -81,7 +81,7 @@ def read_mask(path: Path, size_px: tuple[int, int]) -> np.ndarray:
 
 
 def read_header(path: Path) -> tuple[str, tuple[int, int]]:
-    """An image's mode and (width, height), without decoding its pixels; OpenEXR with alpha has the mode RGBA.
+    """Read an image's mode and (width, height), without decoding its pixels; OpenEXR with alpha has the mode RGBA.
 
     Raises:
         LiveHandError: missing, or not an image.
@@ -94,10 +94,10 @@ def read_header(path: Path) -> tuple[str, tuple[int, int]]:
 
 
 def no_alpha(path: Path, mode: str) -> str:
-    """The message for an image without alpha or mask."""
+    """Word the message for an image without alpha or mask."""
     return f"{path} must have alpha (RGBA) or a mask, got mode {mode}; `livehand mask` makes masks"
 
 
 def wrong_size(path: Path, expected: tuple[int, int], size: tuple[int, int]) -> str:
-    """The message for an image whose size differs from its camera's."""
+    """Word the message for an image whose size differs from its camera's."""
     return f"{path} must be {tuple(expected)} px like its camera, got {size}"

@@ -75,7 +75,7 @@ class CapturePlan:
     lights: Literal["dome", "varied"] = "dome"
 
     def make(self, folder: Path, model: HandModel, provenance: dict) -> Capture:
-        """The capture's index."""
+        """Plan the capture's index."""
         rng = np.random.default_rng(self.seed)
         forearms = np.zeros((self.poses, 3))
         if model.has_arm:
@@ -89,22 +89,22 @@ class CapturePlan:
         return Capture(folder, model.sha256, provenance, poses, lit.views, lit.lights)
 
     def facts(self) -> dict:
-        """The plan for a capture's provenance; that of a capture in the dome does not tell of lights."""
+        """Describe the plan for a capture's provenance; that of a capture in the dome does not tell of lights."""
         return {name: value for name, value in asdict(self).items() if (name, value) != ("lights", "dome")}
 
     def is_held_out_pose(self, index: int) -> bool:
-        """Whether no training view shows this pose."""
+        """Tell whether no training view shows this pose."""
         return index % 11 == 5
 
     def is_held_out_camera(self, index: int) -> bool:
-        """Whether no training view comes from this camera."""
+        """Tell whether no training view comes from this camera."""
         return index % 5 == 3
 
 
 def _sample_poses(
     rng: np.random.Generator, forearms: np.ndarray, model: HandModel, beta: np.ndarray
 ) -> tuple[HandPose, ...]:
-    """Poses with these turns [P, 3] of a right hand's forearm, whose middle knuckle lies near the world's origin."""
+    """Draw poses with these turns [P, 3] of a right hand's forearm; the middle knuckle lies near the world's origin."""
     from ..hand.penetration import HandParts, relieved_angles  # needs torch, which the command's help does not
 
     right = model.for_side("right")
@@ -121,7 +121,7 @@ def _sample_poses(
 
 
 def sample_forearms(rng: np.random.Generator, count: int) -> np.ndarray:
-    """[count, 3] `HandPose.forearm` of right hands within `WRIST_LIMITS_DEG`; every other one is nearly straight."""
+    """Draw [count, 3] `HandPose.forearm` of right hands within `WRIST_LIMITS_DEG`; every other one nearly straight."""
     turns = []
     for index in range(count):
         drawn = rng.normal(0, NEARLY_STRAIGHT_DEG, 3) if index % 2 else rng.uniform(*WRIST_LIMITS_DEG.T)
@@ -133,7 +133,7 @@ def sample_forearms(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _rest_deg(right: HandModel) -> np.ndarray:
-    """[15, 2] flexion and abduction of a right hand's fingers at rest; the thumb's abduction is taken as 0."""
+    """Return [15, 2] flexion and abduction of a right hand's fingers at rest; the thumb's abduction is taken as 0."""
     abduction = np.zeros(15)
     for first in _KNUCKLES:
         along = right.joints[first + 1] - right.joints[first]
@@ -157,7 +157,7 @@ def _random_tilt(rng: np.random.Generator) -> np.ndarray:
 
 
 def _sample_cameras(rng: np.random.Generator, plan: CapturePlan, size: float, has_arm: bool) -> list[Camera]:
-    """Cameras all around a hand of this relative size; every second one is a close-up.
+    """Draw cameras all around a hand of this relative size; every second one is a close-up.
 
     With a forearm, every third close-up is of the wrist, and the others show the near half of the arm, or all of it.
     """
@@ -180,7 +180,7 @@ def _sample_cameras(rng: np.random.Generator, plan: CapturePlan, size: float, ha
 
 
 def _camera_directions(rng: np.random.Generator, plan: CapturePlan) -> np.ndarray:
-    """[cameras, 3] unit vectors.
+    """Compute [cameras, 3] unit vectors.
 
     Training cameras lie on a Fibonacci sphere in a random orientation, each held-out one halfway between one of them
     and its nearest neighbour.
@@ -204,7 +204,7 @@ def _fibonacci_sphere(count: int) -> np.ndarray:
 
 
 def _spread_views(plan: CapturePlan, cameras: list[Camera]) -> tuple[CaptureView, ...]:
-    """Every training pose from some training cameras, and evenly spread views of each held-out split."""
+    """Spread every training pose over some training cameras, and the views of each held-out split evenly."""
     by_split: dict[Split, list[CaptureView]] = {"train": [], "novel_pose": [], "novel_camera": [], "test": []}
     for pose in range(plan.poses):
         seen_by = _cameras_of_pose(plan, pose)
@@ -230,13 +230,13 @@ def _in_novel_light(view: CaptureView) -> CaptureView:
 
 
 def _cameras_of_pose(plan: CapturePlan, pose: int) -> set[int]:
-    """The training cameras that see a training pose, drawn with the seed (plan.seed, pose)."""
+    """Draw the training cameras that see a training pose, with the seed (plan.seed, pose)."""
     training = [index for index in range(plan.cameras) if not plan.is_held_out_camera(index)]
     return set(np.random.default_rng((plan.seed, pose)).permutation(training)[: plan.cameras_per_pose].tolist())
 
 
 def _spread(views: list[CaptureView], count: int) -> list[CaptureView]:
-    """At most `count` of the views, evenly spaced."""
+    """Select at most `count` of the views, evenly spaced."""
     if len(views) <= count:
         return views
     return [views[k] for k in np.linspace(0, len(views) - 1, count).round().astype(int)]

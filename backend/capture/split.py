@@ -51,12 +51,12 @@ class FrameSplit:
         return tuple(sorted(self.train_cameras + self.held_out_cameras))
 
     def of(self, frame: int, camera: str) -> Split:
-        """The split of an image."""
+        """Assign an image to its split."""
         return split_of(frame in self.held_out_frames, camera in self.held_out_cameras)
 
 
 def split_of(is_pose_held_out: bool, is_camera_held_out: bool) -> Split:
-    """The split of an image."""
+    """Name the split of an image."""
     if is_camera_held_out:
         return "test" if is_pose_held_out else "novel_camera"
     return "novel_pose" if is_pose_held_out else "train"
@@ -65,7 +65,7 @@ def split_of(is_pose_held_out: bool, is_camera_held_out: bool) -> Split:
 def default_split(
     source: str, frames: list[int], cameras: list[str], last: int, held_out: list[str] | None
 ) -> FrameSplit:
-    """The split that holds out the last frames, and the given cameras or every tenth.
+    """Make the split that holds out the last frames, and the given cameras or every tenth.
 
     Raises:
         LiveHandError: nothing is left to train on, or a given camera does not exist.
@@ -86,12 +86,12 @@ def default_split(
 
 
 def every(split: FrameSplit, step: int) -> FrameSplit:
-    """The split with only each `step`-th of its training and held-out frames."""
+    """Thin the split to each `step`-th of its training and held-out frames."""
     return replace(split, train_frames=split.train_frames[::step], held_out_frames=split.held_out_frames[::step])
 
 
 def split_document(split: FrameSplit) -> str:
-    """The text of a split file."""
+    """Write out a split file as text."""
     return json.dumps({"format": FORMAT, "version": VERSION, **asdict(split)}, indent=1) + "\n"
 
 

@@ -45,7 +45,7 @@ class LightDrawing:
     size: float = 1.0
 
     def training_light(self, has_occluder: bool) -> CaptureLight:
-        """A light of one of the kinds of training, with a slab or a wall or without; the dome stands free."""
+        """Draw a light of one of the kinds of training, with a slab or a wall or without; the dome stands free."""
         kind = self.training_kind()
         drawn = self.light(kind)
         if not has_occluder or kind == "dome":
@@ -56,12 +56,12 @@ class LightDrawing:
         return self._with_occluder(drawn, self._wall(side), self._paint())
 
     def training_kind(self) -> LightKind:
-        """A kind of light by the shares of training."""
+        """Draw a kind of light by the shares of training."""
         kinds = tuple(TRAINING_SHARES)
         return kinds[self.rng.choice(len(kinds), p=list(TRAINING_SHARES.values()))]
 
     def light(self, kind: LightKind) -> CaptureLight:
-        """A light of this kind."""
+        """Draw a light of this kind."""
         if kind == "dome":
             return CaptureLight(kind, Light(sky=replace(dome_sky(), group=GROUPS[0])))
         if kind == "soft":
@@ -89,7 +89,7 @@ class LightDrawing:
         return _levelled("mixed", lamps, weights, sky, self._level(), float(np.exp(self.rng.uniform(np.log(0.05), 0))))
 
     def _blocked(self, drawn: CaptureLight) -> CaptureLight:
-        """A slab hides half of the hand from the sun; a wall in a strong colour, lit by it, stands beside the hand."""
+        """Hide half of the hand from the sun by a slab, and set a wall in a strong colour, lit by it, beside it."""
         towards = -drawn.light.lamps[0].direction
         blocked = self._with_occluder(drawn, self._slab(towards), np.full(3, 0.3))
         side = np.cross(towards, self.towards_camera)
@@ -99,7 +99,7 @@ class LightDrawing:
         return self._with_occluder(blocked, self._wall(_unit(side)), self._paint())
 
     def _direction_with_cosine(self, low: float, high: float) -> np.ndarray:
-        """[3] a unit direction whose cosine with that to the camera lies between two values."""
+        """Return a unit direction [3] whose cosine with that to the camera lies between two values."""
         cosine = self.rng.uniform(low, high)
         across = self._perpendicular(self.towards_camera)
         return cosine * self.towards_camera + np.sqrt(1 - cosine**2) * across
@@ -109,13 +109,13 @@ class LightDrawing:
         return _unit(drawn - (drawn @ axis) * axis)
 
     def _colour(self, spread: float = 0.22) -> np.ndarray:
-        """[3] a moderate colour of luminance 1: warmer or cooler, and a little off."""
+        """Return a moderate colour [3] of luminance 1: warmer or cooler, and a little off."""
         warm = self.rng.normal(0, spread) * np.array([1.0, 0.1, -1.0])
         colour = np.exp(warm + self.rng.normal(0, spread / 3, 3))
         return colour / (colour @ _LUMINANCE)
 
     def _paint(self) -> np.ndarray:
-        """[3] the albedo of a strongly coloured wall, in three of ten cases of a grey one."""
+        """Return the albedo [3] of a strongly coloured wall, in three of ten cases of a grey one."""
         if self.rng.random() < 0.3:
             return np.full(3, self.rng.uniform(0.1, 0.8))
         paint = self.rng.uniform(0.02, 0.15, 3)
@@ -125,14 +125,14 @@ class LightDrawing:
         return paint
 
     def _gradient(self) -> np.ndarray:
-        """[H, W, 3] fine radiance of brightness 1 from ground to zenith; mostly upright."""
+        """Compute [H, W, 3] fine radiance of brightness 1 from ground to zenith; mostly upright."""
         up = np.array([0, 0, 1.0]) + self.rng.normal(0, 0.25 if self.rng.random() < 0.8 else 3.0, 3)
         height = (fine_directions() @ _unit(up) + 1)[..., None] / 2
         ground, zenith = self._colour() * self.rng.uniform(0.1, 1.0), self._colour()
         return _to_brightness(ground + (zenith - ground) * height ** self.rng.uniform(0.6, 2.0))
 
     def _lobe(self) -> np.ndarray:
-        """[H, W, 3] fine radiance of brightness 1 around a direction."""
+        """Return [H, W, 3] fine radiance of brightness 1 around a direction."""
         exponent = np.exp(self.rng.uniform(np.log(4), np.log(80)))
         cosine = fine_directions() @ _unit(self.rng.normal(size=3))
         return np.maximum(cosine, 0)[..., None] ** exponent * self._colour() * (exponent + 2) / 2
@@ -175,7 +175,7 @@ class LightDrawing:
         return Lamp("point", self._colour(), position=towards * self._distance_m(), radius_m=radius_m)
 
     def _aimed(self, lamp: Lamp, towards: np.ndarray) -> Lamp:
-        """The lamp at some distance, shining at a point near the hand's middle."""
+        """Aim the lamp, at some distance, at a point near the hand's middle."""
         position = towards * self._distance_m()
         from_target = _unit(position + self.size * self.rng.normal(0, 0.02, 3))
         return replace(lamp, position=position, rotation=rotation_facing(from_target))
@@ -184,7 +184,7 @@ class LightDrawing:
         return float(self.size * np.exp(self.rng.uniform(np.log(_NEAREST_M), np.log(_FARTHEST_M))))
 
     def _main_direction(self, light: Light) -> np.ndarray:
-        """[3] unit direction to one of the lamps, or else to the brightest part of the sky."""
+        """Return [3] unit direction to one of the lamps, or else to the brightest part of the sky."""
         if light.lamps:
             lamp = light.lamps[int(self.rng.integers(len(light.lamps)))]
             return -lamp.direction if lamp.kind == "sun" else _unit(lamp.position)
@@ -192,14 +192,14 @@ class LightDrawing:
         return sky.directions.reshape(-1, 3)[(sky.radiance @ _LUMINANCE).argmax()] if sky else self.towards_camera
 
     def _slab(self, towards: np.ndarray) -> np.ndarray:
-        """[12, 3, 3] a slab between the hand and a light; its edge runs near the hand's middle."""
+        """Set a slab [12, 3, 3] between the hand and a light; its edge runs near the hand's middle."""
         across = self._perpendicular(towards)
         half = np.array([0.16, 0.22, _THICKNESS_M / 2])
         centre = towards * self.rng.uniform(*_SLAB_M) + across * (half[0] + self.rng.uniform(-0.03, 0.03))
         return box_triangles(centre, np.stack([across, np.cross(towards, across), towards]), half) * self.size
 
     def _wall(self, side: np.ndarray) -> np.ndarray:
-        """[12, 3, 3] a wall on one side of the hand, facing it."""
+        """Return a wall [12, 3, 3] on one side of the hand, facing it."""
         across = self._perpendicular(side)
         half = np.array([*self.rng.uniform(0.2, 0.4, 2), _THICKNESS_M / 2])
         centre = side * (self.rng.uniform(*_WALL_M) + half[2])
@@ -213,12 +213,12 @@ class LightDrawing:
 
 
 def light_groups(drawn: CaptureLight) -> tuple[CaptureLight, ...]:
-    """The light of each group alone; they add up to the whole."""
+    """Split the light into that of each group alone; they add up to the whole."""
     return tuple(replace(drawn, light=drawn.light.of_group(name)) for name in GROUPS if name in drawn.light.groups)
 
 
 def brightness_of(lamp: Lamp) -> float:
-    """The pixel value of a white surface at the origin that faces the lamp; a spot's cone is not asked."""
+    """Measure the pixel value of a white surface at the origin that faces the lamp; a spot's cone is not asked."""
     luminance = float(lamp.rgb @ _LUMINANCE)
     if lamp.kind == "sun":
         return luminance / np.pi
@@ -227,14 +227,14 @@ def brightness_of(lamp: Lamp) -> float:
 
 
 def sky_brightness(sky: Sky) -> float:
-    """The pixel value of a white surface that faces the brightest half of the sky."""
+    """Measure the pixel value of a white surface that faces the brightest half of the sky."""
     towards = sky.directions.reshape(-1, 3)
     radiant = ((sky.radiance @ _LUMINANCE) * sky.solid_angles).ravel()
     return float((np.maximum(towards[::8] @ towards.T, 0) @ radiant).max() / np.pi)
 
 
 def box_triangles(centre: np.ndarray, axes: np.ndarray, half_m: np.ndarray) -> np.ndarray:
-    """[12, 3, 3] the surface of a box, normals outwards; its unit axes are rows of [3, 3], its half sides [3], m."""
+    """Build the surface [12, 3, 3] of a box, normals outwards; its unit axes are rows of [3, 3], half sides [3], m."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = centre + (signs * half_m) @ axes
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -244,7 +244,7 @@ def box_triangles(centre: np.ndarray, axes: np.ndarray, half_m: np.ndarray) -> n
 def _levelled(
     kind: LightKind, lamps: list[Lamp], weights: list[float], sky: Sky, level: float, sky_weight: float = 1.0
 ) -> CaptureLight:
-    """The light of lamps and sky with these relative brightnesses, which add up to `level`."""
+    """Level lamps and sky to these relative brightnesses, which add up to `level`."""
     unit = level / (sum(weights) + sky_weight)
     scaled = [
         replace(lamp, rgb=lamp.rgb * unit * weight / brightness_of(lamp), group=GROUPS[min(index, 1) + 1])

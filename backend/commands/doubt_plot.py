@@ -18,7 +18,7 @@ PANEL_IN = (9.0, 2.4)
 
 
 def draw_doubt(figure: Figure, fits: Mapping[Side, TakeFit]) -> None:
-    """Doubt in percent of the hand's size; shaded where the motion has no keys, dotted where it counts as a mistake."""
+    """Plot doubt in percent of the hand's size; shaded where the motion has no keys, dotted where it is a mistake."""
     for axes, (side, fit) in zip(figure.subplots(len(fits), 1, squeeze=False)[:, 0], fits.items(), strict=True):
         step_s = 1 / (fit.motion.fps or 30.0)
         times = fit.start_s + np.arange(len(fit.doubt)) * step_s
@@ -32,6 +32,6 @@ def draw_doubt(figure: Figure, fits: Mapping[Side, TakeFit]) -> None:
 
 
 def _runs(is_in: np.ndarray) -> list[tuple[int, int]]:
-    """First and last index of every run."""
+    """Find the first and last index of every run."""
     edges = np.diff(np.r_[0, is_in.astype(int), 0])
     return list(zip(np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist(), strict=True))

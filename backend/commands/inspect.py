@@ -28,13 +28,13 @@ def _run(args: argparse.Namespace) -> dict:
 
 
 def report(facts: dict) -> dict:
-    """The facts with their summary, a line for each."""
+    """Add a summary to the facts, a line for each."""
     width = max(map(len, facts))
     return {**facts, "summary": "\n".join(f"{key:{width}s}  {value}" for key, value in facts.items())}
 
 
 def inspect(path: Path) -> dict:
-    """The facts of a file or folder, by name; `kind` says what it is.
+    """Describe a file or folder by facts with names; `kind` says what it is.
 
     Raises:
         LiveHandError: the file is missing, damaged or of no known kind.
@@ -60,7 +60,7 @@ def _is_capture(folder: Path) -> bool:
 
 
 def _pickle_facts(path: Path) -> dict:
-    """The facts of a hand model or pose file; if neither can be read, the hand model's error is raised."""
+    """Describe a hand model or pose file; if neither can be read, the hand model's error is raised."""
     try:
         return _hand_facts(path)
     except LiveHandError as error:
@@ -122,7 +122,7 @@ def _surface_facts(surface: StoredSurface | None) -> dict[str, Any] | None:
 
 
 def _skin_facts(capture: Any) -> dict[str, bool]:
-    """Whether a capture, by its provenance, shows the built-in skin as it is now; nothing where it does not tell."""
+    """Tell whether a capture, by its provenance, shows today's built-in skin; nothing where it does not tell."""
     from ..surface.skin_version import is_current_skin
 
     is_current = is_current_skin(capture)
@@ -148,7 +148,7 @@ def _hand_facts(path: Path) -> dict:
 
 
 def _hand_provenance(path: Path) -> dict:
-    """The source of a model made from a user's mesh."""
+    """Describe the source of a model made from a user's mesh."""
     arrays = read_npz(path) if path.suffix == ".npz" else {}
     if "provenance" not in arrays:
         return {}

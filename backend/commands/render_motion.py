@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_picture_camera(text: str) -> PictureCamera:
-    """`1280x720@60` -> the camera of a tracked picture, as an argument's type."""
+    """Parse `1280x720@60` as the camera of a tracked picture, an argument's type."""
     size, _, angle = text.partition("@")
     try:
         return PictureCamera(parse_size_px(size, smallest=1), float(angle))
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
 def posed_upright(
     path: Path, hand: HandModel, options: ImportOptions | None = None, hand_path: Path | None = None
 ) -> HandMotion:
-    """A file's motion in Blender's world with the wrist at the origin; a hand in its own space stands upright.
+    """Read a file's motion into Blender's world, its wrist at the origin; a hand in its own space stands upright.
 
     Raises:
         LiveHandError: the file is unreadable, or MANO's file is needed and missing.
@@ -134,7 +134,7 @@ def posed_upright(
 
 
 def _points_away(motion: HandMotion, model: HandModel) -> bool:
-    """Whether the camera would look at the stump: in the mean of all poses the palm points away from it.
+    """Tell whether the camera would look at the stump: in the mean of all poses the palm points away from it.
 
     So do the takes of headsets, whose wearers see the backs of their hands.
     """
@@ -144,7 +144,7 @@ def _points_away(motion: HandMotion, model: HandModel) -> bool:
 
 
 def frame_indices(motion: HandMotion, frames: Sequence[int] | None) -> list[int]:
-    """Indices of the requested frames, which count from 1; all if None.
+    """Select indices of the requested frames, which count from 1; all if None.
 
     Raises:
         LiveHandError: the motion lacks a frame.
@@ -158,7 +158,7 @@ def frame_indices(motion: HandMotion, frames: Sequence[int] | None) -> list[int]
 
 
 def sampled_vertices(motion: HandMotion, frames: list[int], hand: HandModel) -> np.ndarray:
-    """[N, 3] m: vertices of the hand without its arm, in at most 200 evenly spaced frames, for framing the camera."""
+    """Sample vertices [N, 3] m of the hand without its arm, in at most 200 evenly spaced frames, for framing."""
     from ..hand.lbs import posed_vertices
 
     step = -(-len(frames) // _FRAMES_FOR_CAMERA)

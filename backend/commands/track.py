@@ -51,7 +51,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_fov(text: str) -> float:
-    """A camera's horizontal angle of view, degrees, as an argument's type."""
+    """Parse a camera's horizontal angle of view, degrees, as an argument's type."""
     try:
         value = float(text)
     except ValueError:

@@ -46,7 +46,7 @@ def _run(args: argparse.Namespace) -> dict:
 
 
 def _shots(hand: HandModel) -> list[Shot]:
-    """Small pictures that need every kernel: in the avatar's own light, and between a lamp, a sky and an occluder."""
+    """Make small pictures that need every kernel: in the avatar's own light, and between lamp, sky and occluder."""
     import numpy as np
 
     from ..hand.lbs import posed_vertices

@@ -62,7 +62,7 @@ class Breakdown(NamedTuple):
 
 
 def error_breakdown(image: Float[Tensor, "H W 4"], truth: Float[Tensor, "H W 4"], surface: SeenSurface) -> Breakdown:
-    """The breakdown of one image's error; images hold encoded colour times alpha, and alpha."""
+    """Break down one image's error by region; images hold encoded colour times alpha, and alpha."""
     regions = regions_of(image[..., 3], truth[..., 3], surface)
     difference = (image - truth)[..., :3]
     squared = (difference**2).sum(-1).double()
@@ -79,7 +79,7 @@ def error_breakdown(image: Float[Tensor, "H W 4"], truth: Float[Tensor, "H W 4"]
 
 
 def regions_of(alpha: Float[Tensor, "H W"], true_alpha: Float[Tensor, "H W"], surface: SeenSurface) -> ErrorRegions:
-    """The regions of an image whose alpha is `alpha`."""
+    """Divide an image whose alpha is `alpha` into regions."""
     hand, band_px = true_alpha > 0.5, _scaled(_BAND_PX, true_alpha)
     silhouette = ~hand | (alpha <= 0.5) | _near(_outline(hand), band_px)
     occlusion = ~silhouette & _near(depth_steps(surface), band_px)
@@ -88,7 +88,7 @@ def regions_of(alpha: Float[Tensor, "H W"], true_alpha: Float[Tensor, "H W"], su
 
 
 def depth_steps(surface: SeenSurface) -> Bool[Tensor, "H W"]:
-    """Both pixels of every neighbouring pair whose depths on the mesh differ clearly."""
+    """Mark both pixels of every neighbouring pair whose depths on the mesh differ clearly."""
     depth, is_mesh = surface.depth, surface.depth.isfinite()
     far_enough = torch.maximum(_STEP_M * surface.scale, _STEP_FOOTPRINTS * surface.footprint)
 
@@ -100,7 +100,7 @@ def depth_steps(surface: SeenSurface) -> Bool[Tensor, "H W"]:
 
 
 def low_frequency_share(difference: Float[Tensor, "H W 3"], region: Bool[Tensor, "H W"], sigma_px: float) -> float:
-    """The share of a region's squared error that a Gaussian blur within the region keeps; 1 if the error is zero.
+    """Compute the share of a region's squared error that a Gaussian blur within it keeps; 1 if there is no error.
 
     The kept and removed parts are not quite orthogonal; their cross term is divided in proportion.
     """
@@ -111,7 +111,7 @@ def low_frequency_share(difference: Float[Tensor, "H W 3"], region: Bool[Tensor,
 
 
 def with_other_alpha(image: Float[Tensor, "H W 4"], alpha: Float[Tensor, "H W"]) -> Float[Tensor, "H W 3"]:
-    """The image's straight colours times another alpha; transparent pixels take the colour of the 3 px around them."""
+    """Multiply straight colours by another alpha; transparent pixels take the colour of the 3 px around them."""
     colour, own = image[..., :3].permute(2, 0, 1), image[..., 3]
     straight = (colour / own.clamp(min=_MIN_ALPHA)).clamp(max=1)
     is_known = own >= _MIN_ALPHA
@@ -120,12 +120,12 @@ def with_other_alpha(image: Float[Tensor, "H W 4"], alpha: Float[Tensor, "H W"])
 
 
 def _outline(hand: Bool[Tensor, "H W"]) -> Bool[Tensor, "H W"]:
-    """Pixels with a neighbour on the other side of the outline."""
+    """Mark pixels with a neighbour on the other side of the outline."""
     return _pairs(lambda here, there: hand[here] != hand[there], hand.shape)
 
 
 def _pairs(differ, shape: tuple[int, ...]) -> Bool[Tensor, "H W"]:
-    """Both pixels of every vertical or horizontal pair of neighbours for which `differ(here, there)` holds."""
+    """Mark both pixels of every vertical or horizontal pair of neighbours for which `differ(here, there)` holds."""
     marked = torch.zeros(shape, dtype=torch.bool)
     everything, first, last = slice(None), slice(None, -1), slice(1, None)
     for here, there in (((first, everything), (last, everything)), ((everything, first), (everything, last))):
@@ -136,7 +136,7 @@ def _pairs(differ, shape: tuple[int, ...]) -> Bool[Tensor, "H W"]:
 
 
 def _near(edge: Bool[Tensor, "H W"], band_px: float) -> Bool[Tensor, "H W"]:
-    """Pixels within the band; the edge itself runs half a pixel beside the centres of its marked pixels."""
+    """Mark pixels within the band; the edge itself runs half a pixel beside the centres of its marked pixels."""
     return distance_px(edge, max(band_px - 0.5, 0.0)).isfinite()
 
 

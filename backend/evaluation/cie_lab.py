@@ -11,18 +11,18 @@ _LINEAR_BELOW = 6 / 29
 
 
 def lab(rgb_linear: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """L*, a* and b*."""
+    """Convert to L*, a* and b*."""
     matrix = rgb_linear.new_tensor(_RGB_TO_XYZ)
     x, y, z = _curve(rgb_linear @ (matrix / matrix.sum(1, keepdim=True)).T).unbind(-1)
     return torch.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], -1)
 
 
 def lightness(rgb_linear: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
-    """L* alone."""
+    """Convert to L* alone."""
     return 116 * _curve(rgb_linear @ rgb_linear.new_tensor(_RGB_TO_XYZ[1])) - 16
 
 
 def _curve(share: Float[Tensor, "*any"]) -> Float[Tensor, "*any"]:
-    """The cube root of a share of white's X, Y or Z; of dark ones, its tangent."""
+    """Take the cube root of a share of white's X, Y or Z; of dark ones, its tangent."""
     root = share.clamp(min=_LINEAR_BELOW**3) ** (1 / 3)
     return torch.where(share > _LINEAR_BELOW**3, root, share / (3 * _LINEAR_BELOW**2) + 4 / 29)

@@ -138,7 +138,7 @@ def _distances(args: argparse.Namespace, device: torch.device) -> list[Distance]
 
 
 def _notes(total: Summary, view_count: int) -> list[str]:
-    """What the tables do not tell."""
+    """Word what the tables do not tell."""
     left_out = view_count - int(total["images"])
     notes = [f"{left_out} of {view_count} views were left out: {_LEFT_OUT}"] if left_out else []
     notes += [] if "flip" in total else [_NO_FLIP]

@@ -18,7 +18,7 @@ _LABEL_PX, _LABEL_GREY = 15, 0.85
 def comparison_sheet(
     pairs: Sequence[tuple[np.ndarray, np.ndarray]], triples_per_row: int = 4, labels: Sequence[str] | None = None
 ) -> np.ndarray:
-    """[H, W, 3] uint8: truth | image | error x 4 for every pair (truth, image) of premultiplied [h, w, 4] images.
+    """Draw [H, W, 3] uint8: truth | image | error x 4 for every pair (truth, image) of premultiplied [h, w, 4] images.
 
     Smaller images lie in the upper left of the largest one's place. Labels, if given, stand above their triples.
     """
@@ -34,12 +34,12 @@ def comparison_sheet(
 
 
 def on_background(image: np.ndarray) -> np.ndarray:
-    """[h, w, 3]: premultiplied RGBA over the sheet's dark grey, composited in encoded colour as image viewers do."""
+    """Lay premultiplied RGBA over the sheet's dark grey, [h, w, 3], in encoded colour as image viewers do."""
     return image[..., :3] + BACKGROUND * (1 - image[..., 3:])
 
 
 def label_strip(text: str, width: int) -> np.ndarray:
-    """[h, width, 3] in [0, 1]: a line of light grey text, cut off at the width."""
+    """Return [h, width, 3] in [0, 1]: a line of light grey text, cut off at the width."""
     strip = Image.new("L", (width, _LABEL_PX + 6), round(BACKGROUND * 255))
     font = ImageFont.load_default(_LABEL_PX)
     ImageDraw.Draw(strip).text((4, 1), text, round(_LABEL_GREY * 255), font)
@@ -47,7 +47,7 @@ def label_strip(text: str, width: int) -> np.ndarray:
 
 
 def tile(tiles: Sequence[np.ndarray], columns: int) -> np.ndarray:
-    """[H, W, 3] uint8: tiles [h, w, 3] in [0, 1] of equal size, row by row; unused places are black."""
+    """Return [H, W, 3] uint8: tiles [h, w, 3] in [0, 1] of equal size, row by row; unused places are black."""
     height, width = tiles[0].shape[:2]
     rows = -(-len(tiles) // columns)
     sheet = np.zeros((rows * height, columns * width, 3), np.float32)

@@ -30,7 +30,7 @@ _FEWEST = 16  # pixels; with fewer, nothing is measured
 
 
 def band_key(band_mm: tuple[int, int]) -> str:
-    """The key of a band's figure, such as l_1_2."""
+    """Name a band's figure, such as l_1_2."""
     return f"l_{band_mm[0]}_{band_mm[1]}"
 
 
@@ -38,7 +38,7 @@ CONTRAST_KEYS = (*map(band_key, BANDS_MM), SPAN)
 
 
 def contrast_figures(image: np.ndarray, truth: np.ndarray, surface: SeenSurface) -> dict[str, float]:
-    """`contrast` of an image [H, W, 4] and, with other keys, of the truth, both inside the truth's outline.
+    """Measure `contrast` of an image [H, W, 4] and, with other keys, of the truth, both inside the truth's outline.
 
     Both hold encoded colour times alpha, and alpha. A pixel's size is the hand's median.
     """
@@ -52,7 +52,7 @@ def contrast_figures(image: np.ndarray, truth: np.ndarray, surface: SeenSurface)
 
 
 def contrast(image: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"], mm_per_px: float) -> dict[str, float]:
-    """The deviation of L* in each band, and its span, of an encoded image's hand.
+    """Measure the deviation of L* in each band, and its span, of an encoded image's hand.
 
     NaN where too few pixels lie inside the outline, or where a band's waves are shorter than two pixels.
     """

@@ -26,7 +26,7 @@ class Distance(NamedTuple):
 
 
 def vgg19_distance(weights: Path, device: torch.device) -> Distance:
-    """The perceptual loss of training: relative L1 between VGG19 features, uncalibrated and not LPIPS.
+    """Load the perceptual loss of training: relative L1 between VGG19 features, uncalibrated and not LPIPS.
 
     Raises:
         LiveHandError: the file does not hold VGG19.
@@ -35,7 +35,7 @@ def vgg19_distance(weights: Path, device: torch.device) -> Distance:
 
 
 def lpips_distances(weights: Path, heads: Path, device: torch.device) -> list[Distance]:
-    """`lpips` if both files are the published ones, else `uncalibrated`: the same formula, on images in [-1, 1].
+    """Load `lpips` if both files are the published ones, else `uncalibrated`: the same formula, images in [-1, 1].
 
     `..._reference` follows: on images in [0, 1], as the paper's authors measured.
 
@@ -51,7 +51,7 @@ def lpips_distances(weights: Path, heads: Path, device: torch.device) -> list[Di
 def distance_of(
     distance: Distance, image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]
 ) -> Similarity:
-    """Distance of the whole image, and of the hand's bounding box with a margin of 16 px, within the image."""
+    """Measure the whole image, and the hand's bounding box with a margin of 16 px, within the image."""
     a, b = (x.permute(2, 0, 1)[None].float().to(distance.device) for x in (image, truth))
     box = mask_box(hand, _MARGIN_PX)
     assert box is not None, "views without the hand are skipped"

@@ -113,7 +113,7 @@ class Distributions:
         self._pairs.append((self._network(true[..., :3], hand), self._network(ours[..., :3], hand)))
 
     def figures(self) -> dict[str, float]:
-        """`..._frechet` of all positions and `..._kid` of the images' means; `..._deviation` by bootstrap over images.
+        """Compute `..._frechet` of all positions, `..._kid` of images' means; `..._deviation` by bootstrap over images.
 
         Empty with fewer than two images, or if none shows the hand.
         """
@@ -128,7 +128,7 @@ class Distributions:
         return found
 
     def _in_units(self) -> list[tuple[ImageFeatures, ImageFeatures]]:
-        """The features of true and rendered images, relative to the true ones' mean if the network asks for it."""
+        """Divide features of true and rendered images by the true ones' mean, if the network asks for it."""
         unit = torch.cat([true.local for true, _ in self._pairs]).mean() if self._network.is_relative else 1.0
         units = [[ImageFeatures(of.local / unit, of.mean / unit) for of in pair] for pair in self._pairs]
         return [(true, ours) for true, ours in units]
@@ -143,7 +143,7 @@ class Distributions:
 
 
 def frechet_distance(a: Float[Tensor, "N D"], b: Float[Tensor, "M D"]) -> float:
-    """|m1 - m2|^2 + tr(S1 + S2 - 2 (S1 S2)^(1/2)) of two sets of features; NaN with fewer than two of either."""
+    """Compute |m1 - m2|^2 + tr(S1 + S2 - 2 (S1 S2)^(1/2)) of two sets of features; NaN with fewer than two."""
     if min(len(a), len(b)) < MIN_IMAGES:
         return float("nan")
     return gaussian_frechet(*_moments(a), *_moments(b))
@@ -152,7 +152,7 @@ def frechet_distance(a: Float[Tensor, "N D"], b: Float[Tensor, "M D"]) -> float:
 def gaussian_frechet(
     mean1: Float[Tensor, " D"], cov1: Float[Tensor, "D D"], mean2: Float[Tensor, " D"], cov2: Float[Tensor, "D D"]
 ) -> float:
-    """Squared Frechet distance of two Gaussians; the root of S1 S2 has the trace of that of S1^(1/2) S2 S1^(1/2)."""
+    """Compute the squared Frechet distance of two Gaussians; trace (S1 S2)^(1/2) is that of S1^(1/2) S2 S1^(1/2)."""
     root = _square_root(cov1)
     eigenvalues = torch.linalg.eigvalsh(root @ cov2 @ root)
     trace = cov1.trace() + cov2.trace() - 2 * eigenvalues.clamp(min=0).sqrt().sum()
@@ -160,7 +160,7 @@ def gaussian_frechet(
 
 
 def kernel_distance(a: Float[Tensor, "N D"], b: Float[Tensor, "M D"]) -> float:
-    """Unbiased squared maximum mean discrepancy of two sets; NaN with fewer than two of either."""
+    """Compute unbiased squared maximum mean discrepancy of two sets; NaN with fewer than two of either."""
     n, m = len(a), len(b)
     if min(n, m) < MIN_IMAGES:
         return float("nan")
@@ -180,7 +180,7 @@ class Moments:
 
     @classmethod
     def of(cls, x: Float[Tensor, "N D"]) -> Moments:
-        """Of one set."""
+        """Describe one set."""
         return cls(len(x), x.sum(0), x.T @ x)
 
     def __add__(self, other: Moments) -> Moments:
@@ -202,7 +202,7 @@ def _frechet_of_moments(pairs: Sequence[tuple[Moments, ...]]) -> float:
 
 
 def _deviation(pairs: Sequence, distance: Callable[[Sequence], float]) -> float:
-    """Of a distance over bootstrap samples of the images."""
+    """Measure the deviation of a distance over bootstrap samples of the images."""
     random = np.random.default_rng(0)
     drawn = (random.integers(0, len(pairs), len(pairs)).tolist() for _ in range(_RESAMPLES))
     return float(np.nanstd([distance([pairs[index] for index in indices]) for indices in drawn]))

@@ -103,19 +103,19 @@ def _shows_the_hand(truth: np.ndarray, shot: Shot) -> bool:
 
 
 def spaced_views(views: Sequence[CaptureView], most: int | None) -> Sequence[CaptureView]:
-    """At most `most` of the views, evenly spaced."""
+    """Select at most `most` of the views, evenly spaced."""
     if most is None or len(views) <= most:
         return views
     return [views[index * len(views) // most] for index in range(most)]
 
 
 def read_truth(capture: Capture, view: CaptureView) -> np.ndarray:
-    """[H, W, 4] of a view, premultiplied: linear colours of a lit capture, encoded ones of another."""
+    """Read [H, W, 4] of a view, premultiplied: linear colours of a lit capture, encoded ones of another."""
     return capture.read_linear(view) if capture.is_lit else capture.read_image(view)
 
 
 def rendered_pair(renderer: ShotRenderer, shot: Shot, truth: np.ndarray, is_lit: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Truth and render of a shot [H, W, 4], encoded on black; of a lit capture both are exposed by the truth."""
+    """Render a shot beside its truth [H, W, 4], encoded on black; of a lit capture both are exposed by the truth."""
     frame = renderer.render(shot)
     if not is_lit:
         return truth, encoded_on_black(frame)
@@ -132,16 +132,16 @@ def check_any(scores: Sequence, capture: Capture) -> None:
 
 
 def _linear_of(frame: Frame) -> np.ndarray:
-    """[H, W, 4] linear premultiplied colour, and alpha."""
+    """Return [H, W, 4] linear premultiplied colour, and alpha."""
     return np.concatenate([frame.rgb, frame.alpha[..., None]], -1)
 
 
 def encoded_on_black(frame: Frame) -> np.ndarray:
-    """[H, W, 4] of a frame: its straight colour, sRGB-encoded, times alpha; and alpha."""
+    """Return [H, W, 4] of a frame: its straight colour, sRGB-encoded, times alpha; and alpha."""
     picture = straight_srgb(frame)
     return np.concatenate([picture[..., :3] * picture[..., 3:], picture[..., 3:]], -1)
 
 
 def _kept(light: Light | None) -> Light | None:
-    """The light as frames that are kept show it."""
+    """Return the light as frames that are kept show it."""
     return None if light is None else replace(light, penumbra="fine")

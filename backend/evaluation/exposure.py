@@ -18,12 +18,12 @@ _DARKEST = 1e-6
 
 
 def exposure_gain(truth: np.ndarray) -> float:
-    """The factor that exposes linear premultiplied pixels [H, W, 4], by the channels of all pixels of the hand."""
+    """Choose the factor that exposes linear premultiplied pixels [H, W, 4], by the channels of the hand's pixels."""
     return WHITE / max(_brightest(truth), _DARKEST)
 
 
 def is_reached(truth: np.ndarray, light: Light, vertices: np.ndarray) -> bool:
-    """Whether a light reaches what a view of linear pixels [H, W, 4] shows of a hand with these vertices [V, 3]."""
+    """Tell whether a light reaches what a view of linear pixels [H, W, 4] shows of a hand with vertices [V, 3]."""
     bounds = Bounds.around(torch.as_tensor(vertices, dtype=torch.float32))
     return _brightest(truth) > LEAST_LIT * float(LightSamples.of(light, bounds).unblocked(bounds.centre))
 
@@ -33,6 +33,6 @@ def _brightest(truth: np.ndarray) -> float:
 
 
 def exposed(pixels: np.ndarray, gain: float) -> np.ndarray:
-    """[H, W, 4] float32: linear premultiplied colour times the gain, cut off at 1 and sRGB-encoded; and alpha."""
+    """Expose linear premultiplied colour [H, W, 4] by the gain, cut off at 1 and sRGB-encoded, float32; and alpha."""
     colour = torch.as_tensor(pixels[..., :3] * np.float32(gain), dtype=torch.float32).clamp(0, 1)
     return np.concatenate([linear_to_srgb(colour).numpy(), pixels[..., 3:]], -1).astype(np.float32)

@@ -17,7 +17,7 @@ from .seen_surface import SeenSurface
 def view_figures(
     image: np.ndarray, truth: np.ndarray, surface: SeenSurface, distances: Sequence[Distance] = ()
 ) -> dict[str, float]:
-    """Metrics of an image [H, W, 4] against the truth; both hold encoded colour times alpha, and alpha.
+    """Measure an image [H, W, 4] against the truth; both hold encoded colour times alpha, and alpha.
 
     FLIP is absent where its package is missing. A metric that is undefined for this image size or hand is NaN.
     """

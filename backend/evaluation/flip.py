@@ -21,12 +21,12 @@ _MARGIN_PX = 32
 
 
 def has_flip() -> bool:
-    """Whether the package is installed."""
+    """Tell whether the package is installed."""
     return importlib.util.find_spec("flip_evaluator") is not None
 
 
 def flip_map(image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"]) -> Float[Tensor, "H W"]:
-    """FLIP per pixel.
+    """Compute FLIP per pixel.
 
     Raises:
         LiveHandError: the package is not installed.

@@ -40,14 +40,14 @@ class _Comparison(NamedTuple):
 def psnr_db(
     image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None = None
 ) -> float:
-    """Peak signal-to-noise ratio, over the whole image as in the paper, or over a mask; NaN where the mask is empty."""
+    """Compute peak signal-to-noise ratio, over the whole image as in the paper, or over a mask; NaN if it is empty."""
     squared = (image - truth) ** 2
     error = float(squared[mask].mean() if mask is not None else squared.mean())
     return MAX_PSNR_DB if error < 10 ** (-MAX_PSNR_DB / 10) else -10 * math.log10(error)
 
 
 def alpha_iou(alpha: Float[Tensor, "H W"], truth: Float[Tensor, "H W"]) -> float:
-    """Intersection over union of the silhouettes (alpha > 0.5); 1 where both are empty."""
+    """Compute intersection over union of the silhouettes (alpha > 0.5); 1 where both are empty."""
     a, b = alpha > 0.5, truth > 0.5
     union = int((a | b).sum())
     return int((a & b).sum()) / union if union else 1.0
@@ -91,7 +91,7 @@ def _channels_first(image: Float[Tensor, "H W C"]) -> Float[Tensor, "C H W"]:
 
 
 def _compare(a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"]) -> _Comparison:
-    """All windows of two images; windows in which they are equal score 1 and are not computed."""
+    """Compare all windows of two images; windows in which they are equal score 1 and are not computed."""
     rows, columns = (max(side - _WINDOW_PX + 1, 0) for side in a.shape[1:])
     compared = _Comparison(*(torch.ones(rows, columns, dtype=a.dtype) for _ in range(2)))
     box = difference_box(a, b, margin_px=_WINDOW_PX - 1)
@@ -105,12 +105,12 @@ def _compare(a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"]) -> _Compariso
 
 
 def difference_box(a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"], margin_px: int) -> tuple[slice, slice] | None:
-    """(rows, columns) of the box around all pixels that differ, with a margin; None if the images are equal."""
+    """Find (rows, columns) of the box around all pixels that differ, with a margin; None if the images are equal."""
     return mask_box((a != b).any(0), margin_px)
 
 
 def mask_box(mask: Bool[Tensor, "H W"], margin_px: int) -> tuple[slice, slice] | None:
-    """(rows, columns) of the box around a mask, with a margin within the image; None if the mask is empty."""
+    """Find (rows, columns) of the box around a mask, with a margin within the image; None if the mask is empty."""
     if not mask.any():
         return None
     sides = []

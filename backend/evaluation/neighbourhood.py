@@ -15,7 +15,7 @@ MIN_WEIGHT = 1e-6
 
 
 def distance_px(marked: Bool[Tensor, "H W"], reach_px: float) -> Float[Tensor, "H W"]:
-    """Euclidean distance from each pixel's centre to the nearest marked one's; infinite beyond `reach_px`."""
+    """Measure Euclidean distance from each pixel's centre to the nearest marked one's; infinite beyond `reach_px`."""
     if not marked.any():
         return torch.full(marked.shape, inf)
     distance = torch.as_tensor(distance_transform_edt(~marked.numpy()), dtype=torch.float32)
@@ -25,7 +25,7 @@ def distance_px(marked: Bool[Tensor, "H W"], reach_px: float) -> Float[Tensor, "
 def masked_blur(
     values: Float[Tensor, "C H W"], weights: Float[Tensor, "H W"], sigma_px: float
 ) -> tuple[Float[Tensor, "C H W"], Float[Tensor, "H W"]]:
-    """Gaussian means of `values` with a weight for each pixel, and the total weight around each pixel.
+    """Compute Gaussian means of `values` with a weight for each pixel, and the total weight around each pixel.
 
     The weight outside the image is 0. The mean is 0 where the total weight is below `MIN_WEIGHT`.
     """

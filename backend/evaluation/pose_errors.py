@@ -33,7 +33,7 @@ class PoseErrors(NamedTuple):
 
 
 def pose_errors(model: HandModel, poses: Sequence[HandPose], true: Sequence[HandPose]) -> PoseErrors:
-    """The errors of poses of a hand, each of its own shape, against as many true ones, in the same axes."""
+    """Measure poses of a hand, each of its own shape, against as many true ones, in the same axes."""
     ours, theirs = (axis_angle_to_matrix(np.stack([pose.theta for pose in some])) for some in (poses, true))
     off_deg = np.rad2deg(np.linalg.norm(matrix_to_axis_angle(ours.swapaxes(-1, -2) @ theirs), axis=-1))
     points, wanted = (np.stack([landmarks_of(model, pose) for pose in some]) for some in (poses, true))

@@ -39,7 +39,7 @@ class PosedHands:
         self._posed: dict[int, _Posed] = {}
 
     def seen_by(self, view: CaptureView) -> SeenSurface:
-        """The posed mesh as a view sees it."""
+        """Look at the posed mesh as a view does."""
         posed = self._posed_mesh(view.pose_index)
         return seen_surface(posed.mesh, posed.topology, posed.openness, camera_tensors(view.camera, "cpu"))
 

@@ -43,7 +43,7 @@ _IDENTITY = ("file", "split", "camera_index", "pose_index", "camera_gap_deg")
 
 
 def scores_csv(scores: Sequence[ViewScore]) -> str:
-    """A line for each image; the cell of an undefined metric is empty."""
+    """Write a line for each image; the cell of an undefined metric is empty."""
     names = list(dict.fromkeys(name for score in scores for name in score.figures))
     lines = io.StringIO()
     writer = csv.writer(lines, lineterminator="\n")
@@ -58,7 +58,7 @@ def scores_csv(scores: Sequence[ViewScore]) -> str:
 
 
 def summary_tables(summaries: Mapping[str, Summary]) -> str:
-    """Tables with a line for each name: metrics, breakdown of the squared error, and contrast if it was measured."""
+    """Write tables with a line for each name: metrics, breakdown of the squared error, and contrast if measured."""
     columns = [column for column in _QUALITY if any(column[0] in figures for figures in summaries.values())]
     quality = [["", *(heading for _, heading, _ in columns)]]
     for name, figures in summaries.items():
@@ -118,6 +118,6 @@ def write_text(text: str, path: Path) -> None:
 def summary_json(
     facts: Mapping[str, str], total: Summary, splits: Mapping[str, Summary], lights: Mapping[str, Summary]
 ) -> str:
-    """What was evaluated, and the summaries of all views, each split and, in a lit capture, each kind of light."""
+    """Describe what was evaluated, with summaries of all views, each split and, in a lit capture, kind of light."""
     of_lights = {"lights": lights} if lights else {}
     return json.dumps({**facts, "all": total, "splits": splits, **of_lights}, indent=1, allow_nan=False) + "\n"

@@ -33,7 +33,7 @@ class SeenSurface(NamedTuple):
 
 
 def vertex_openness(mesh: PosedMesh, topology: Topology) -> Tensor:
-    """[V] cosine-weighted share of the sky that the hand does not hide from each vertex, 0..1."""
+    """Compute [V] cosine-weighted share of the sky that the hand does not hide from each vertex, 0..1."""
     directions = direction_frames(DIRECTIONS, mesh.vertices.device)[:, 2]
     unhidden = (mesh.normals @ directions.T).clamp(min=0).sum(1)
     visible = choose_backend(mesh.vertices.device).visibility(mesh, topology).sum(1)

@@ -38,7 +38,7 @@ def _run(args: argparse.Namespace) -> dict:
 
 
 def read_frame(path: Path) -> np.ndarray:
-    """[H, W, 4] float32 in [0, 1]: encoded colour times alpha, and alpha.
+    """Read [H, W, 4] float32 in [0, 1]: encoded colour times alpha, and alpha.
 
     Raises:
         LiveHandError: the file is not a readable image.

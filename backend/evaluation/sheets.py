@@ -65,7 +65,7 @@ class SheetViews:
 
 
 def label_of(view: ScoredView) -> str:
-    """The label above a view."""
+    """Word the label above a view."""
     score, figures = view.score, view.score.figures
     angle_deg = score.train_view_angle_deg
     angle = f"  angle {angle_deg:.0f}\N{DEGREE SIGN}" if np.isfinite(angle_deg) else ""

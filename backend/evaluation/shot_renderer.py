@@ -11,7 +11,7 @@ from ..records.shot import Shot
 
 
 def no_stage(stage: str) -> None:
-    """Ignores the stages of a frame."""
+    """Ignore the stages of a frame."""
 
 
 @runtime_checkable
@@ -24,5 +24,5 @@ class ShotRenderer(Protocol):
         ...
 
     def render(self, shot: Shot, *, on_stage: OnStage = no_stage) -> Frame:
-        """A frame of the shot's size; `on_stage` is called when a stage begins."""
+        """Render a frame of the shot's size; `on_stage` is called when a stage begins."""
         ...

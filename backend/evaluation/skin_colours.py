@@ -25,7 +25,7 @@ class LabRange:
     b_star: tuple[int, int] | None = None
 
     def misses(self, lab: np.ndarray) -> dict[str, tuple[float, tuple[int, int]]]:
-        """Coordinate -> (its value, the range), of those outside."""
+        """Map each coordinate outside its range to (its value, the range)."""
         rows = zip(("L*", "a*", "b*"), lab.tolist(), (self.l_star, self.a_star, self.b_star), strict=True)
         return {name: (value, at) for name, value, at in rows if at and not at[0] <= value <= at[1]}
 
@@ -49,7 +49,7 @@ DEEP_SKIN = {
 
 
 def colour_findings(places: Mapping[str, np.ndarray]) -> list[str]:
-    """What is unusual in the colours of places (Lab [3]); the back's lightness chooses the table.
+    """Find what is unusual in the colours of places (Lab [3]); the back's lightness chooses the table.
 
     Of a hand whose back is not known, nothing is.
     """

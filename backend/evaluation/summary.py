@@ -15,7 +15,7 @@ _MAX_GAIN_DB = 99.0
 
 
 def summary(scores: Sequence[ViewScore]) -> Summary:
-    """`images`, the mean and largest train-view angle, and the mean of every metric over the views that define it.
+    """Average the scores: `images`, mean and largest train-view angle, and each metric over views that define it.
 
     Metrics that no view defines are left out. `share_*` are shares of the total squared error of all images, in which
     each image counts with its mean squared error. The angle keeps its key of earlier files, `camera_gap_deg`.
@@ -31,13 +31,13 @@ def summary(scores: Sequence[ViewScore]) -> Summary:
 
 
 def by_split(scores: Sequence[ViewScore]) -> dict[str, Summary]:
-    """The summary of each split that has views."""
+    """Summarise each split that has views."""
     splits = sorted({score.split for score in scores})
     return {split: summary([score for score in scores if score.split == split]) for split in splits}
 
 
 def by_light(scores: Sequence[ViewScore]) -> dict[str, Summary]:
-    """The summary of each split's views in each kind of light, by names such as `test soft`; empty without lights."""
+    """Summarise each split's views in each kind of light, by names such as `test soft`; empty without lights."""
     kinds = sorted({(score.split, score.light_kind) for score in scores if score.light_kind is not None})
     return {
         f"{split} {kind}".rstrip(): summary([one for one in scores if (one.split, one.light_kind) == (split, kind)])
@@ -46,7 +46,7 @@ def by_light(scores: Sequence[ViewScore]) -> dict[str, Summary]:
 
 
 def gain_db(share: float) -> float:
-    """How much the PSNR of the whole image would rise without a share of its squared error; at most 99 dB."""
+    """Compute how much the whole image's PSNR would rise without a share of its squared error; at most 99 dB."""
     return min(10 * log10(1 / (1 - share)), _MAX_GAIN_DB) if share < 1 else _MAX_GAIN_DB
 
 

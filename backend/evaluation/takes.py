@@ -57,7 +57,7 @@ def made_take(
     side: Side = "right",
     size_px: tuple[int, int] = _SIZE_PX,
 ) -> MadeTake:
-    """A hand of random shape that goes through random poses, moves and turns; 30 frames a second.
+    """Make a hand of random shape that goes through random poses, moves and turns; 30 frames a second.
 
     Poses are of the library, mixes of gestures, or `single`, in which each finger bends by itself, as no hand does.
     """
@@ -88,7 +88,7 @@ def made_take(
 
 
 def single_fingers_deg(rng: np.random.Generator) -> np.ndarray:
-    """[15, 3] random angles of each finger by itself; the thumb's are of the library, with noise."""
+    """Return [15, 3] random angles of each finger by itself; the thumb's are of the library, with noise."""
     angles = np.zeros((15, 3))
     for finger in range(4):
         pip = rng.uniform(0, 100)
@@ -102,7 +102,7 @@ def single_fingers_deg(rng: np.random.Generator) -> np.ndarray:
 
 
 def pictures(take: MadeTake, renderer: Renderer, rng: np.random.Generator) -> Iterator[np.ndarray]:
-    """The take's frames, uint8 [H, W, 3] sRGB: the hand before a noisy grey ground."""
+    """Draw the take's frames, uint8 [H, W, 3] sRGB: the hand before a noisy grey ground."""
     light = Light((), Sky(np.ones((2, 4, 3))))
     for index in range(len(take.motion)):
         pose = take.motion.pose(index)
@@ -114,12 +114,12 @@ def pictures(take: MadeTake, renderer: Renderer, rng: np.random.Generator) -> It
 
 
 def true_landmarks(take: MadeTake, model: HandModel) -> np.ndarray:
-    """[T, 21, 3] m, the hand's joints and fingertips in the camera's axes, in MediaPipe's order."""
+    """Return [T, 21, 3] m, the hand's joints and fingertips in the camera's axes, in MediaPipe's order."""
     return np.stack([landmarks_of(model, take.motion.pose(index)) for index in range(len(take.motion))])
 
 
 def _roots(rng: np.random.Generator, view: TakeView, frames: int) -> np.ndarray:
-    """[T, 3, 3]; the hand turns slowly about all axes."""
+    """Turn the hand slowly about all axes: [T, 3, 3]."""
     yaw = _YAW_DEG[view] * (rng.choice([-1, 1]) if view == "side" else 1)
     start = np.array([0, yaw, 0]) + rng.uniform(-_TILT_DEG, _TILT_DEG, 3) * (1, 1, 2)
     turned = start + _wave(rng, frames, 3) * _TURN_DEG
@@ -128,12 +128,12 @@ def _roots(rng: np.random.Generator, view: TakeView, frames: int) -> np.ndarray:
 
 
 def _path(rng: np.random.Generator, frames: int) -> np.ndarray:
-    """[T, 3] m, the middle of the hand."""
+    """Move the middle of the hand: [T, 3] m."""
     centre = np.array([rng.uniform(-0.04, 0.04), rng.uniform(-0.02, 0.02), rng.uniform(*_DISTANCE_M)])
     return centre + _wave(rng, frames, 3) * _PATH_M * (1, 0.6, 0.8)
 
 
 def _wave(rng: np.random.Generator, frames: int, count: int) -> np.ndarray:
-    """[T, count] smooth, within about -1..1."""
+    """Draw smooth waves [T, count] within about -1..1."""
     rate, phase = rng.uniform(0.5, 1.1, count), rng.uniform(0, 2 * np.pi, count)
     return np.sin(2 * np.pi * rate * np.arange(frames)[:, None] / 48 + phase)

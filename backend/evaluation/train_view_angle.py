@@ -13,7 +13,7 @@ from ..capture.capture import Capture, CaptureView
 def train_view_angle_deg(
     origin: Float[np.ndarray, 3], train_origins: Float[np.ndarray, "T 3"], hand_centre: Float[np.ndarray, 3]
 ) -> float:
-    """Angle at the hand's centre between a camera and the nearest training camera, degrees; NaN without any.
+    """Measure the angle, degrees, at the hand's centre between a camera and the nearest training one; NaN without any.
 
     Positions are in world space, m. Distance does not count: a close-up along a training camera's axis has angle 0.
     """
@@ -26,7 +26,7 @@ def train_view_angle_deg(
 
 
 def train_origins(capture: Capture) -> Float[np.ndarray, "T 3"]:
-    """Positions of the cameras of the training images, without duplicates, world, m."""
+    """List positions of the cameras of the training images, without duplicates, world, m."""
     origins = {tuple(view.camera.origin.round(6)) for view in capture.of_split("train")}
     return np.array(sorted(origins)).reshape(-1, 3)
 
@@ -34,7 +34,7 @@ def train_origins(capture: Capture) -> Float[np.ndarray, "T 3"]:
 def train_view_angles_deg(
     capture: Capture, views: Sequence[CaptureView], hand_centres: Float[np.ndarray, "P 3"]
 ) -> list[float]:
-    """The train-view angle of each view, degrees; `hand_centres` are indexed by pose."""
+    """Measure the train-view angle of each view, degrees; `hand_centres` are indexed by pose."""
     known = train_origins(capture)
     return [train_view_angle_deg(view.camera.origin, known, hand_centres[view.pose_index]) for view in views]
 

@@ -15,7 +15,7 @@ from torch.nn.functional import normalize
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.uvh import SurfaceSamples
-from ..light.fineness import WHOLE, Fineness
+from ..light.quality import FINAL, LightQuality
 from ..records.camera import Camera
 from .volume import Composite
 
@@ -48,14 +48,14 @@ class HandInView(NamedTuple):
         camera: sees it.
         known_depth: [H * W] depth of its known surface at the pixels' centres, m, infinite where there is none; None:
             none is known.
-        fineness: of the light on it.
+        light_quality: of the light on it.
     """
 
     mesh: PosedMesh
     topology: Topology
     camera: CameraTensors
     known_depth: Tensor | None = None
-    fineness: Fineness = WHOLE
+    light_quality: LightQuality = FINAL
 
 
 class SurfaceRays(NamedTuple):

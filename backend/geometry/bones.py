@@ -12,10 +12,10 @@ from torch import Tensor
 
 
 def points_in_bones(points: Float[Tensor, "*n 3"], frames: Float[Tensor, "K 4 4"]) -> Float[Tensor, "*n K 3"]:
-    """World points in each bone's frame, m."""
+    """Compute world points in each bone's frame, m."""
     return directions_in_bones(points[..., None, :] - frames[:, :3, 3], frames)
 
 
 def directions_in_bones(directions: Float[Tensor, "*n K 3"], frames: Float[Tensor, "K 4 4"]) -> Float[Tensor, "*n K 3"]:
-    """World directions, one for each bone, in its frame."""
+    """Compute world directions, one for each bone, in its frame."""
     return torch.einsum("...ki,kij->...kj", directions, frames[:, :3, :3])

@@ -15,7 +15,7 @@ from .tolerances import MIN_DETERMINANT
 def closest_on_triangles(
     points: Float[Tensor, "*n 3"], triangles: Float[Tensor, "*m 3 3"]
 ) -> tuple[Float[Tensor, "*k 3"], Float[Tensor, "*k"]]:
-    """Barycentrics of the closest point of each triangle, and its squared distance, m^2."""
+    """Compute barycentrics of the closest point of each triangle, and its squared distance, m^2."""
     a, b, c = triangles.unbind(-2)
     inside = _plane_barycentric(points, a, b, c)
     best = torch.stack([inside, *(_on_edge(points, a, b, c, edge) for edge in range(3))], -2)  # [*k, 4, 3]
@@ -29,7 +29,7 @@ def closest_on_triangles(
 
 
 def _plane_barycentric(points: Tensor, a: Tensor, b: Tensor, c: Tensor) -> Tensor:
-    """Barycentrics of the projection onto the triangle's plane; may lie outside [0, 1]."""
+    """Compute barycentrics of the projection onto the triangle's plane; may lie outside [0, 1]."""
     ab, ac, ap = b - a, c - a, points - a
     d00, d01, d11 = (ab * ab).sum(-1), (ab * ac).sum(-1), (ac * ac).sum(-1)
     d20, d21 = (ap * ab).sum(-1), (ap * ac).sum(-1)
@@ -40,7 +40,7 @@ def _plane_barycentric(points: Tensor, a: Tensor, b: Tensor, c: Tensor) -> Tenso
 
 
 def _on_edge(points: Tensor, a: Tensor, b: Tensor, c: Tensor, edge: int) -> Tensor:
-    """Barycentrics of the closest point of edge `edge`, which starts at that corner."""
+    """Compute barycentrics of the closest point of edge `edge`, which starts at that corner."""
     start, end = ((a, b), (b, c), (c, a))[edge]
     along = end - start
     share = (((points - start) * along).sum(-1) / (along * along).sum(-1).clamp(min=MIN_DETERMINANT)).clamp(0, 1)

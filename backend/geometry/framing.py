@@ -15,7 +15,7 @@ DISTANCE_M = 0.75
 def fitting_camera(
     points: np.ndarray, towards_camera: tuple[float, float, float], size_px: tuple[int, int], filled: float
 ) -> Camera:
-    """An upright view (world Z up) with the points in the middle of the image.
+    """Fit an upright view (world Z up) with the points in the middle of the image.
 
     Args:
         points: [N, 3] m, world.

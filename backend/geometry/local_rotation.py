@@ -36,7 +36,7 @@ class LocalFrames(NamedTuple):
     def of(
         cls, vertices: np.ndarray, faces: np.ndarray, device: torch.device | str, mirror: np.ndarray | None = None
     ) -> LocalFrames:
-        """The frames of a template mesh; `mirror` [3] turns it into its canonical mirror image (None: it is canonical).
+        """Build the frames of a template mesh; `mirror` [3] turns it into its canonical mirror image (None: it is one).
 
         The weights are the least-squares combination of edges that gives the tangent in the template.
         """
@@ -56,7 +56,7 @@ class LocalFrames(NamedTuple):
 def local_rotations(
     vertices: Float[Tensor, "V 3"], normals: Float[Tensor, "V 3"], frames: LocalFrames
 ) -> Float[Tensor, "V 3 3"]:
-    """Matrices from the canonical template's directions to the world's, orthonormal (mirrored if the hand is)."""
+    """Compute matrices from the canonical template's directions to the world's, orthonormal (or mirrored)."""
     edges = vertices[frames.neighbours] - vertices[:, None]
     tangent = (frames.weights[..., None] * edges).sum(1)
     tangent = tangent - (tangent * normals).sum(-1, keepdim=True) * normals
@@ -66,7 +66,7 @@ def local_rotations(
 
 
 def _template_frames(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """[V, 3, 3] rows tangent (any), bitangent, normal."""
+    """Compute frames [V, 3, 3] with rows tangent (any), bitangent, normal."""
     normals = area_weighted_normals(vertices, faces)
     axis = np.eye(3)[np.abs(normals).argmin(1)]
     tangents = _unit(axis - (axis * normals).sum(1, keepdims=True) * normals)

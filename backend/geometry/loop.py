@@ -27,7 +27,7 @@ class LoopStep(NamedTuple):
 
 
 def loop_step(faces: np.ndarray, vertex_count: int) -> LoopStep:
-    """The next level of a closed mesh with faces [F, 3]."""
+    """Subdivide a closed mesh with faces [F, 3] once."""
     sides = np.sort(half_edges(faces), 1)
     opposite = np.r_[faces[:, 2], faces[:, 0], faces[:, 1]]
     edges, edge_of_side = np.unique(sides, axis=0, return_inverse=True)
@@ -39,7 +39,7 @@ def loop_step(faces: np.ndarray, vertex_count: int) -> LoopStep:
 
 
 def split_corners(uv: np.ndarray) -> np.ndarray:
-    """[4 F, 3, 2] per corner of a level's faces, from those [F, 3, 2] of the faces that are split."""
+    """Split corners [F, 3, 2] of faces into those of the next level's faces, [4 F, 3, 2]."""
     a, b, c = uv[:, 0], uv[:, 1], uv[:, 2]
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     return np.concatenate([np.stack(corner, 1) for corner in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
@@ -49,14 +49,14 @@ _Entries = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _edge_points(edges: np.ndarray, point_of_side: np.ndarray, opposite: np.ndarray) -> _Entries:
-    """3/8 of each end and 1/8 of the two opposite corners."""
+    """Weigh 3/8 of each end and 1/8 of the two opposite corners."""
     points = np.arange(len(edges)) + point_of_side.min()
     rows, columns = np.r_[np.repeat(points, 2), point_of_side], np.r_[edges.ravel(), opposite]
     return rows, columns, np.r_[np.full(edges.size, 3 / 8), np.full(len(opposite), 1 / 8)]
 
 
 def _moved_vertices(edges: np.ndarray, vertex_count: int) -> _Entries:
-    """Each old vertex moved towards its neighbours."""
+    """Move each old vertex towards its neighbours."""
     valence = np.bincount(edges.ravel(), minlength=vertex_count)
     share = (5 / 8 - (3 / 8 + np.cos(2 * np.pi / valence) / 4) ** 2) / valence
     own = np.arange(vertex_count)
@@ -65,6 +65,6 @@ def _moved_vertices(edges: np.ndarray, vertex_count: int) -> _Entries:
 
 
 def _split_faces(faces: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """The three corner faces, then the middle ones; middles [F, 3] are the new vertices on sides 01, 12, 20."""
+    """List the three corner faces, then the middle ones; middles [F, 3] are the new vertices on sides 01, 12, 20."""
     (a, b, c), (ab, bc, ca) = faces.T, middles.T
     return np.vstack([np.stack(corner, 1) for corner in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])

@@ -46,7 +46,7 @@ class Topology(NamedTuple):
         device: torch.device | str = "cpu",
         mirror: np.ndarray | None = None,
     ) -> Topology:
-        """The topology of a template mesh.
+        """Build the topology of a template mesh.
 
         Args:
             vertices: [V, 3] m.
@@ -77,13 +77,13 @@ class PosedMesh(NamedTuple):
 
 
 def posed_mesh(topology: Topology, vertices: Float[Tensor, "V 3"]) -> PosedMesh:
-    """Normals and scale of posed vertices."""
+    """Compute normals and scale of posed vertices."""
     scale = mean_edge_length(vertices, topology.edges) / topology.edge_length_m
     return PosedMesh(vertices, vertex_normals(vertices, topology.faces), scale)
 
 
 def vertex_normals(vertices: Float[Tensor, "V 3"], faces: Int[Tensor, "F 3"]) -> Float[Tensor, "V 3"]:
-    """Area-weighted mean of the faces' normals, unit length; zero where a vertex has no area around it."""
+    """Compute area-weighted mean of the faces' normals, unit length; zero where a vertex has no area around it."""
     a, b, c = vertices[faces].unbind(1)
     face_normals = torch.linalg.cross(b - a, c - a)
     summed = torch.zeros_like(vertices)
@@ -93,13 +93,13 @@ def vertex_normals(vertices: Float[Tensor, "V 3"], faces: Int[Tensor, "F 3"]) ->
 
 
 def mean_edge_length(vertices: Float[Tensor, "V 3"], edges: Int[Tensor, "E 2"]) -> Float[Tensor, ""]:
-    """Mean length of the edges, m."""
+    """Compute mean length of the edges, m."""
     ends = vertices[edges]
     return (ends[:, 0] - ends[:, 1]).norm(dim=-1).mean()
 
 
 def face_neighbours(faces: Int[Tensor, "F 3"]) -> Int[Tensor, "F M"]:
-    """Each face, the faces that share a vertex with it, and itself again up to K, a multiple of LANES."""
+    """List for each face the faces that share a vertex with it, and itself again up to K, a multiple of LANES."""
     corner_of = faces.reshape(-1)
     order = torch.argsort(corner_of, stable=True)
     count = torch.bincount(corner_of)

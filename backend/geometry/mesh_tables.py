@@ -11,32 +11,32 @@ _MIN_LENGTH = 1e-12  # of a normal; below it the direction is undefined and the 
 
 
 def half_edges(faces: np.ndarray) -> np.ndarray:
-    """[3 F, 2] in the direction of the faces' winding: first all 01, then all 12, then all 20."""
+    """List half edges [3 F, 2] in the direction of the faces' winding: first all 01, then all 12, then all 20."""
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
 
 
 def open_half_edges(faces: np.ndarray) -> np.ndarray:
-    """[E, 2] half edges without an opposite one: the boundary of the surface."""
+    """Find the half edges [E, 2] without an opposite one: the boundary of the surface."""
     halves = half_edges(faces)
     forward, backward = _keys(halves)
     return halves[~np.isin(forward, backward)]
 
 
 def repeated_half_edges(faces: np.ndarray) -> np.ndarray:
-    """[E, 2] half edges of several faces: more than two faces meet there, or one is wound the wrong way."""
+    """Find half edges [E, 2] of several faces: more than two faces meet there, or one is wound the wrong way."""
     halves = half_edges(faces)
     _, index, count = np.unique(_keys(halves)[0], return_index=True, return_counts=True)
     return halves[index[count > 1]]
 
 
 def pinched_vertices(faces: np.ndarray) -> np.ndarray:
-    """Vertices at which the boundary touches itself."""
+    """Find vertices at which the boundary touches itself."""
     starts, count = np.unique(open_half_edges(faces)[:, 0], return_counts=True)
     return starts[count > 1]
 
 
 def connected_components(faces: np.ndarray, vertex_count: int) -> np.ndarray:
-    """[N] the lowest vertex of the component that each vertex belongs to."""
+    """Find the lowest vertex [N] of the component that each vertex belongs to."""
     lowest = np.arange(vertex_count)
     edges = half_edges(faces)
     while True:
@@ -49,7 +49,7 @@ def connected_components(faces: np.ndarray, vertex_count: int) -> np.ndarray:
 
 
 def merged_vertices(vertices: np.ndarray, faces: np.ndarray, distance: float) -> np.ndarray:
-    """[N] the vertex to merge each into: the first in the same place for vertices on open edges, else itself.
+    """Find the vertex [N] to merge each into: the first in the same place for vertices on open edges, else itself.
 
     Files with a normal or texture coordinate per vertex split the surface along every seam.
     """
@@ -65,7 +65,7 @@ def merged_vertices(vertices: np.ndarray, faces: np.ndarray, distance: float) ->
 
 
 def neighbour_table(faces: np.ndarray, vertex_count: int) -> np.ndarray:
-    """[N, K] the vertices that share an edge with each, ascending, padded with the vertex itself."""
+    """Return the vertices [N, K] that share an edge with each, ascending, padded with the vertex itself."""
     pairs = half_edges(faces)
     pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
     counts = np.bincount(pairs[:, 0], minlength=vertex_count)
@@ -76,7 +76,7 @@ def neighbour_table(faces: np.ndarray, vertex_count: int) -> np.ndarray:
 
 
 def area_weighted_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """[N, 3] unit vertex normals; zero for vertices without area."""
+    """Compute [N, 3] unit vertex normals; zero for vertices without area."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     normals = np.zeros_like(vertices)
     for corner in range(3):
@@ -85,6 +85,6 @@ def area_weighted_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray
 
 
 def _keys(halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One number per half edge, and that of its opposite."""
+    """Give each half edge a number, and its opposite another."""
     size = int(halves.max(initial=0)) + 1
     return halves @ np.array([size, 1]), halves @ np.array([1, size])

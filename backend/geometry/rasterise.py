@@ -30,7 +30,7 @@ def rasterise(
     faces: Int[Tensor, "F 3"],
     size_px: tuple[int, int],
 ) -> Fragments:
-    """All fragments of the projected mesh inside the image.
+    """Find all fragments of the projected mesh inside the image.
 
     Args:
         positions_px: projected vertices; the centre of pixel (i, j) is at (i + 0.5, j + 0.5).
@@ -54,7 +54,7 @@ def rasterise(
 def _candidate_pixels(
     corners: Float[Tensor, "F 3 2"], is_drawn: Tensor, size_px: tuple[int, int]
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """(face, column, row) of every pixel in the bounding box of every drawn face."""
+    """Find (face, column, row) of every pixel in the bounding box of every drawn face."""
     limit = torch.tensor(size_px, device=corners.device)
     first = (corners.amin(1) - 0.5).ceil().long().clamp(min=0)
     last = torch.minimum((corners.amax(1) - 0.5).floor().long(), limit - 1)
@@ -88,7 +88,7 @@ class NearestFronts(NamedTuple):
 
 
 def nearest_fronts(fragments: Fragments, size_px: tuple[int, int]) -> NearestFronts:
-    """The first front face in the centre of each pixel of an image."""
+    """Find the first front face in the centre of each pixel of an image."""
     width, height = size_px
     front = fragments.is_front.nonzero()[:, 0]
     order = front[torch.argsort(fragments.depth[front], descending=True, stable=True)]  # the nearest comes last

@@ -35,7 +35,7 @@ def reproject(
 
 
 def _outward(offset: Float[Tensor, "S 3"], normal: Float[Tensor, "S 3"]) -> Float[Tensor, "S 3"]:
-    """Unit offsets, oriented along the normal; the unit normal where the offset is negligible."""
+    """Orient unit offsets along the normal; the unit normal where the offset is negligible."""
     length = offset.norm(dim=-1, keepdim=True)
     sign = torch.where((offset * normal).sum(-1, keepdim=True) < 0, -1.0, 1.0)
     unit_normal = torch.nn.functional.normalize(normal, dim=-1)

@@ -9,7 +9,7 @@ import numpy as np
 
 
 def axis_angle_to_matrix(axis_angle: np.ndarray) -> np.ndarray:
-    """Rotation matrices [..., 3, 3] (Rodrigues); smooth at zero."""
+    """Compute rotation matrices [..., 3, 3] (Rodrigues); smooth at zero."""
     axis_angle = np.asarray(axis_angle, np.float64)
     angle = np.linalg.norm(axis_angle, axis=-1)[..., None, None]
     cross = np.zeros((*axis_angle.shape, 3))
@@ -20,14 +20,14 @@ def axis_angle_to_matrix(axis_angle: np.ndarray) -> np.ndarray:
 
 
 def rotation_between(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """[..., 3, 3] the rotation that best maps points [..., N, 3] to others (Kabsch 1976), each about its own origin."""
+    """Fit the rotation [..., 3, 3] of points [..., N, 3] to others, each about its own origin (Kabsch 1976)."""
     u, _, vh = np.linalg.svd(np.swapaxes(others, -1, -2) @ points)
     u[..., -1] *= np.sign(np.linalg.det(u @ vh))[..., None]
     return u @ vh
 
 
 def axis_angle_to_quaternion(axis_angle: np.ndarray) -> np.ndarray:
-    """Unit quaternions; smooth at zero."""
+    """Convert to unit quaternions; smooth at zero."""
     axis_angle = np.asarray(axis_angle, np.float64)
     half = np.linalg.norm(axis_angle, axis=-1, keepdims=True) / 2
     # np.sinc(x / pi) is sin(x) / x, with its limit 1 at zero.
@@ -35,7 +35,7 @@ def axis_angle_to_quaternion(axis_angle: np.ndarray) -> np.ndarray:
 
 
 def quaternion_to_axis_angle(quaternion: np.ndarray) -> np.ndarray:
-    """Axis-angle of length at most pi. At exactly pi either of the two opposite axes may come back."""
+    """Compute axis-angle of length at most pi. At exactly pi either of the two opposite axes may come back."""
     quaternion = np.asarray(quaternion, np.float64)
     quaternion = np.where(quaternion[..., :1] < 0, -quaternion, quaternion)
     vector, sine = quaternion[..., 1:], np.linalg.norm(quaternion[..., 1:], axis=-1, keepdims=True)
@@ -45,7 +45,7 @@ def quaternion_to_axis_angle(quaternion: np.ndarray) -> np.ndarray:
 
 
 def matrix_to_quaternion(matrix: np.ndarray) -> np.ndarray:
-    """Quaternions of rotation matrices [..., 3, 3], read from the largest of the four components (Shepperd 1978)."""
+    """Convert rotation matrices [..., 3, 3] to quaternions, by the largest of the four components (Shepperd 1978)."""
     m = np.asarray(matrix, np.float64)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
@@ -66,12 +66,12 @@ def matrix_to_quaternion(matrix: np.ndarray) -> np.ndarray:
 
 
 def matrix_to_axis_angle(matrix: np.ndarray) -> np.ndarray:
-    """Axis-angle of rotation matrices [..., 3, 3]; NaN stays NaN."""
+    """Compute axis-angle of rotation matrices [..., 3, 3]; NaN stays NaN."""
     return quaternion_to_axis_angle(matrix_to_quaternion(matrix))
 
 
 def continuous(quaternions: np.ndarray) -> np.ndarray:
-    """The same rotations with signs that are continuous along the first axis (time), for interpolation."""
+    """Choose signs of the same rotations that are continuous along the first axis (time), for interpolation."""
     dots = (quaternions[1:] * quaternions[:-1]).sum(-1, keepdims=True)
     signs = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
     return np.concatenate([quaternions[:1], quaternions[1:] * signs])

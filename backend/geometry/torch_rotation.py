@@ -11,7 +11,7 @@ _SMALL_ANGLE_SQUARED = 1e-6
 
 
 def axis_angle_to_matrix(axis_angle: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
-    """Rodrigues' formula: R = I + sin(a)/a K + (1 - cos(a))/a^2 K^2, with finite gradients at 0."""
+    """Apply Rodrigues' formula: R = I + sin(a)/a K + (1 - cos(a))/a^2 K^2, with finite gradients at 0."""
     squared = (axis_angle * axis_angle).sum(-1)[..., None, None]
     is_small = squared < _SMALL_ANGLE_SQUARED
     safe = torch.where(is_small, torch.ones_like(squared), squared)
@@ -24,7 +24,7 @@ def axis_angle_to_matrix(axis_angle: Float[Tensor, "*batch 3"]) -> Float[Tensor,
 
 
 def cross_matrix(vector: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
-    """K with K @ x = vector x x."""
+    """Build K with K @ x = vector x x."""
     x, y, z = vector.unbind(-1)
     zero = torch.zeros_like(x)
     rows = [zero, -z, y, z, zero, -x, -y, x, zero]

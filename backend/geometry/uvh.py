@@ -22,7 +22,7 @@ class SurfaceSamples(NamedTuple):
 def signed_height(
     points: Float[Tensor, "S 3"], nearest: SurfaceSamples, topology: Topology, mesh: PosedMesh
 ) -> Float[Tensor, " S"]:
-    """Signed height, in the world's metres, of points over their nearest surface points with unsigned distances.
+    """Sign the unsigned distances of points, in the world's metres, over their nearest surface points.
 
     The sign is that of the offset along the interpolated vertex normal, which, unlike a face normal, is also correct at
     edges and vertices.
@@ -35,17 +35,17 @@ def signed_height(
 def interpolate(
     vertex_values: Float[Tensor, "V C"], topology: Topology, samples: SurfaceSamples
 ) -> Float[Tensor, "S C"]:
-    """Per-vertex values at the samples' surface points."""
+    """Compute per-vertex values at the samples' surface points."""
     return _blend(vertex_values[topology.faces[samples.face]], samples.barycentric)
 
 
 def atlas_uv(topology: Topology, samples: SurfaceSamples) -> Float[Tensor, "S 2"]:
-    """Atlas coordinates of the samples, in the chart of their own face, so that no seam is crossed."""
+    """Compute atlas coordinates of the samples, in the chart of their own face, so that no seam is crossed."""
     return _blend(topology.corner_uv[samples.face], samples.barycentric)
 
 
 def _blend(corners: Float[Tensor, "S 3 C"], barycentric: Float[Tensor, "S 3"]) -> Float[Tensor, "S C"]:
-    """Weighted sum of the corners (three products: far faster than a batch of tiny matrix products)."""
+    """Compute weighted sum of the corners (three products: far faster than a batch of tiny matrix products)."""
     a, b, c = corners.unbind(1)
     wa, wb, wc = barycentric.unbind(1)
     return a * wa[:, None] + b * wb[:, None] + c * wc[:, None]

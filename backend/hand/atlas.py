@@ -29,7 +29,7 @@ def unwrap(v_template: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def unwrap_millimetres(vertices: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`unwrap` for vertices in mm: the absolute tolerances of xatlas are too large for a hand in metres."""
+    """Unwrap vertices in mm: the absolute tolerances of xatlas are too large for a hand in metres."""
     # Imported here because a hand with its own atlas, as the built-in one, loads without these packages.
     try:
         import trimesh
@@ -72,7 +72,7 @@ def with_cap_chart(
 
 
 def _mean_scale(vt: np.ndarray, ft: np.ndarray, v_template: np.ndarray, f: np.ndarray) -> float:
-    """Atlas units per metre."""
+    """Measure atlas units per metre."""
     in_atlas, in_space = (_doubled_area(points, faces) for points, faces in ((vt, ft), (v_template, f)))
     return float(np.sqrt(in_atlas / in_space))
 
@@ -84,7 +84,7 @@ def _doubled_area(points: np.ndarray, faces: np.ndarray) -> float:
 
 
 def _occupied_cells(vt: np.ndarray, ft: np.ndarray) -> np.ndarray:
-    """[128, 128] bool, row by v and column by u: cells that a face covers, sampled at half a cell."""
+    """Return [128, 128] bool, row by v and column by u: cells that a face covers, sampled at half a cell."""
     occupied = np.zeros((_CELLS, _CELLS), dtype=bool)
     for corners in vt[ft] * _CELLS:
         steps = 2 * int(np.ceil(np.ptp(corners, axis=0).max())) + 1
@@ -97,7 +97,7 @@ def _occupied_cells(vt: np.ndarray, ft: np.ndarray) -> np.ndarray:
 
 
 def _largest_free_square(occupied: np.ndarray) -> tuple[int, int, int]:
-    """First row, first column and size of the largest square of free cells; size 0 if there is none."""
+    """Find first row, first column and size of the largest square of free cells; size 0 if there is none."""
     total = np.pad(occupied.astype(int).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     for size in range(len(occupied), 0, -1):
         taken = total[size:, size:] - total[:-size, size:] - total[size:, :-size] + total[:-size, :-size]

@@ -41,53 +41,53 @@ class RestForearm(NamedTuple):
 
 
 def bone_name(joint: int, side: Side) -> str:
-    """The bone that an animator rotates, as `index1.R`; Blender mirrors poses by the suffix."""
+    """Name the bone that an animator rotates, as `index1.R`; Blender mirrors poses by the suffix."""
     return f"{JOINT_NAMES[joint]}.{side[0].upper()}"
 
 
 def deform_name(joint: int, side: Side) -> str:
-    """The hidden bone that moves the mesh, and the vertex group of the same name."""
+    """Name the hidden bone that moves the mesh, and the vertex group of the same name."""
     return f"DEF-{bone_name(joint, side)}"
 
 
 def forearm_name(side: Side) -> str:
-    """The bone from the elbow's end of an arm to the wrist, which carries the hand."""
+    """Name the bone from the elbow's end of an arm to the wrist, which carries the hand."""
     return f"forearm.{side[0].upper()}"
 
 
 def forearm_deform_name(side: Side) -> str:
-    """The hidden bone that moves the mesh of the forearm, and the vertex group of the same name."""
+    """Name the hidden bone that moves the mesh of the forearm, and the vertex group of the same name."""
     return f"DEF-{forearm_name(side)}"
 
 
 def root_name(side: Side) -> str:
-    """The hidden bone that moves the wrist, or the forearm, by what the shape moves the wrist joint."""
+    """Name the hidden bone that moves the wrist, or the forearm, by what the shape moves the wrist joint."""
     return f"MCH-root.{side[0].upper()}"
 
 
 def control_name(joint: int, side: Side) -> str:
-    """The hidden bone that the finger controls rotate; the finger's bone adds this rotation to its own."""
+    """Name the hidden bone that the finger controls rotate; the finger's bone adds this rotation to its own."""
     return f"MCH-{bone_name(joint, side)}"
 
 
 def master_name(finger: str, side: Side) -> str:
-    """The bone that curls and spreads a whole finger."""
+    """Name the bone that curls and spreads a whole finger."""
     return f"CTL-{finger}.{side[0].upper()}"
 
 
 def target_name(finger: str, side: Side) -> str:
-    """The bone that a fingertip reaches for."""
+    """Name the bone that a fingertip reaches for."""
     return f"IK-{finger}.{side[0].upper()}"
 
 
 def finger_joints(finger: str) -> tuple[int, int, int]:
-    """The three joints of a finger, from the knuckle to the tip."""
+    """List the three joints of a finger, from the knuckle to the tip."""
     first = JOINT_NAMES.index(f"{finger}1")
     return first, first + 1, first + 2
 
 
 def rest_bones(model: HandModel) -> RestBones:
-    """The bones of the mean shape, from the model's geometry."""
+    """Derive the bones of the mean shape from the model's geometry."""
     heads = model.joints
     lengths = _bone_lengths(model)
     along = _bone_directions(heads)
@@ -97,7 +97,7 @@ def rest_bones(model: HandModel) -> RestBones:
 
 
 def rest_forearm(model: HandModel) -> RestForearm:
-    """The forearm of the mean shape of a model with an arm: it ends at joint 0 and is as long as the arm beyond it."""
+    """Derive the forearm of the mean shape of a model with an arm: it ends at joint 0 and is as long as the arm."""
     wrist, hand = model.joints[0], rest_bones(model).frames[0]
     arm = (model.v_template - wrist)[model.arm_weights > 0]
     elbow = _unit(model.arm_weights[model.arm_weights > 0] @ arm)
@@ -107,7 +107,7 @@ def rest_forearm(model: HandModel) -> RestForearm:
 
 
 def rest_flexion_deg(model: HandModel) -> np.ndarray:
-    """[15] flexion of joints 1..15 in the rest pose, from the straight finger.
+    """Compute [15] flexion of joints 1..15 in the rest pose, from the straight finger.
 
     It is zero for a finger's last joint, whose bone continues the one before it, and for the thumb's saddle joint,
     which has no defined straight position.
@@ -123,7 +123,7 @@ def rest_flexion_deg(model: HandModel) -> np.ndarray:
 
 
 def _bone_directions(joints: np.ndarray) -> np.ndarray:
-    """[16, 3] unit, towards the next joint; a finger's last bone continues the one before it."""
+    """Compute unit directions [16, 3] towards the next joint; a finger's last bone continues the one before it."""
     along = np.empty((16, 3))
     along[0] = joints[_MIDDLE1] - joints[0]
     along[1:] = np.roll(joints[1:], -1, 0) - joints[1:]
@@ -132,7 +132,7 @@ def _bone_directions(joints: np.ndarray) -> np.ndarray:
 
 
 def _bone_lengths(model: HandModel) -> np.ndarray:
-    """[16] m; a finger's last bone reaches its tip."""
+    """Measure the bones [16], m; a finger's last bone reaches its tip."""
     joints, along = model.joints, _bone_directions(model.joints)
     lengths = np.linalg.norm(np.roll(joints[1:], -1, 0) - joints[1:], axis=-1)
     lengths = np.r_[np.linalg.norm(joints[_MIDDLE1] - joints[0]), lengths]
@@ -143,7 +143,7 @@ def _bone_lengths(model: HandModel) -> np.ndarray:
 
 
 def _flexion_axes(along: np.ndarray, joints: np.ndarray, side: Side) -> np.ndarray:
-    """[16, 3] unit, across the bone: a positive rotation about it moves the bone towards the palm."""
+    """Compute unit axes [16, 3] across the bones: a positive rotation about one moves the bone towards the palm."""
     palmar = _palmar(joints, side)
     across = _unit(joints[_PINKY1] - joints[_INDEX1])
     towards = np.tile(palmar, (16, 1))
@@ -156,13 +156,13 @@ def _flexion_axes(along: np.ndarray, joints: np.ndarray, side: Side) -> np.ndarr
 
 
 def _palmar(joints: np.ndarray, side: Side) -> np.ndarray:
-    """[3] unit vector out of the palm, from the wrist and two knuckles."""
+    """Compute the unit vector [3] out of the palm, from the wrist and two knuckles."""
     normal = np.cross(joints[_INDEX1] - joints[0], joints[_PINKY1] - joints[0])
     return _unit(normal if side == "right" else -normal)
 
 
 def _bend_axis(along: np.ndarray, joints: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """[3] normal of the plane of a finger's bend at rest; the guess if it is straight or bends sideways."""
+    """Compute [3] normal of the plane of a finger's bend at rest; the guess if it is straight or bends sideways."""
     normal = np.cross(along[0], along[1])
     bend = np.linalg.norm(normal)
     axis = normal / max(bend, _MIN_BEND)

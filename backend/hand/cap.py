@@ -12,12 +12,12 @@ from ..records.errors import LiveHandError
 
 
 def capped(v_template: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Faces [F + C, 3] of the closed surface: `f`, then the faces of its caps."""
+    """Find faces [F + C, 3] of the closed surface: `f`, then the faces of its caps."""
     return np.concatenate([f, *cap_faces(v_template, f)])
 
 
 def cap_faces(v_template: np.ndarray, f: np.ndarray) -> list[np.ndarray]:
-    """The faces [C, 3] that close each open edge of a surface [V, 3], [F, 3], wound like their neighbours.
+    """Find the faces [C, 3] that close each open edge of a surface [V, 3], [F, 3], wound like their neighbours.
 
     Raises:
         LiveHandError: the faces are not consistently wound, or an open edge touches itself.
@@ -27,7 +27,7 @@ def cap_faces(v_template: np.ndarray, f: np.ndarray) -> list[np.ndarray]:
 
 
 def _open_loops(f: np.ndarray) -> list[list[int]]:
-    """Loops of vertices along the boundary, in the direction of the missing faces."""
+    """Find loops of vertices along the boundary, in the direction of the missing faces."""
     if len(repeated_half_edges(f)):
         raise LiveHandError("faces must be wound alike and meet in pairs, got an edge that two faces run the same way")
     open_edges = open_half_edges(f).tolist()
@@ -46,7 +46,7 @@ def _open_loops(f: np.ndarray) -> list[list[int]]:
 
 
 def _triangulated(loop: list[int], points: np.ndarray, edges: set[tuple[int, int]]) -> np.ndarray:
-    """Triangles [C, 3] of a loop by ear clipping, the ear with the shortest cut first.
+    """Triangulate a loop by ear clipping, the ear with the shortest cut first: triangles [C, 3].
 
     A cut may not coincide with an edge of the surface, which would then have four faces. If there is no proper ear, the
     shortest allowed cut is used.
@@ -66,20 +66,20 @@ def _triangulated(loop: list[int], points: np.ndarray, edges: set[tuple[int, int
 
 
 def _plane_axes(normal: np.ndarray) -> np.ndarray:
-    """[3, 2] unit axes of the plane of a normal of any length, right-handed with it."""
+    """Compute [3, 2] unit axes of the plane of a normal of any length, right-handed with it."""
     right = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
     up = np.cross(normal, right)
     return np.stack([right / np.linalg.norm(right), up / np.linalg.norm(up)], 1)
 
 
 def _flattened(loop_points: np.ndarray) -> np.ndarray:
-    """[n, 2] positions in the loop's mean plane, counter-clockwise."""
+    """Return [n, 2] positions in the loop's mean plane, counter-clockwise."""
     centred = loop_points - loop_points.mean(0)
     return centred @ _plane_axes(np.cross(centred, np.roll(centred, -1, 0)).sum(0))
 
 
 def _is_ear(corner: tuple[int, int, int], rest: list[int], flat: dict[int, np.ndarray]) -> bool:
-    """Whether the corner is convex and its triangle contains no other vertex of the loop."""
+    """Tell whether the corner is convex and its triangle contains no other vertex of the loop."""
     a, b, c = (flat[vertex] for vertex in corner)
     others = np.array([flat[vertex] for vertex in rest if vertex not in corner])
     inside = (_side(a, b, others) > 0) & (_side(b, c, others) > 0) & (_side(c, a, others) > 0)
@@ -87,13 +87,13 @@ def _is_ear(corner: tuple[int, int, int], rest: list[int], flat: dict[int, np.nd
 
 
 def _side(start: np.ndarray, end: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Twice the signed area of start, end and each point: positive on the left."""
+    """Compute twice the signed area of start, end and each point: positive on the left."""
     along, offsets = end - start, points - start
     return along[0] * offsets[:, 1] - along[1] * offsets[:, 0]
 
 
 def flat_cap(v_template: np.ndarray, cap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A cap [C, 3] in its mean plane: positions [n, 2] m of its vertices with minimum (0, 0), and its faces [C, 3]."""
+    """Lay a cap [C, 3] into its mean plane: positions [n, 2] m of its vertices from (0, 0) on, and its faces [C, 3]."""
     vertices, faces = np.unique(cap, return_inverse=True)
     a, b, c = (v_template[cap[:, corner]] for corner in range(3))
     flat = v_template[vertices] @ _plane_axes(np.cross(b - a, c - a).sum(0))

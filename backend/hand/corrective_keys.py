@@ -24,7 +24,7 @@ class Corrective(NamedTuple):
 
 
 def factor_correctives(posedirs: np.ndarray) -> list[Corrective]:
-    """The components of posedirs [V, 3, 135] that can move a vertex; values stay within +-sqrt(8)."""
+    """Factor out the components of posedirs [V, 3, 135] that can move a vertex; values stay within +-sqrt(8)."""
     return [part for joint in range(1, 16) for part in _of_joint(joint, posedirs[..., 9 * (joint - 1) : 9 * joint])]
 
 
@@ -36,7 +36,7 @@ def _of_joint(joint: int, columns: np.ndarray) -> list[Corrective]:
 
 
 def quaternion_form(form: np.ndarray, frame: np.ndarray) -> dict[str, float]:
-    """The same linear form in products of the bone's own unit quaternion (w, x, y, z).
+    """Rewrite the same linear form in products of the bone's own unit quaternion (w, x, y, z).
 
     Args:
         form: [3, 3], applied to R - I in the model's frame.

@@ -32,7 +32,7 @@ class FingerAxes:
 
     @classmethod
     def of_default_hand(cls) -> FingerAxes:
-        """The axes in the built-in hand's file."""
+        """Read the axes in the built-in hand's file."""
         with np.load(Path(str(resources.files(str(__package__)) / "hand_with_arm.npz"))) as arrays:
             return cls(arrays["flex_axis"], arrays["dorsal_dir"], arrays["bone_dir"])
 
@@ -52,7 +52,7 @@ class Gesture:
     thumb: tuple[tuple[Degrees, Degrees, Degrees], ...] = ((0, 0, 0), (0, 0, 0), (0, 0, 0))
 
     def angles_deg(self) -> np.ndarray:
-        """[15, 3] flexion, abduction, twist of joints 1..15."""
+        """Compute [15, 3] flexion, abduction, twist of joints 1..15."""
         angles = np.zeros((15, 3))
         for finger, flexions in self.flexion.items():
             angles[_ROW[finger] : _ROW[finger] + 3, 0] = flexions
@@ -103,7 +103,7 @@ GESTURES: dict[str, Gesture] = {
 
 
 def theta_of(angles_deg: np.ndarray, axes: FingerAxes, root: np.ndarray | None = None) -> np.ndarray:
-    """Theta [..., 16, 3] rad of joint angles [..., 15, 3] deg and the wrist's axis-angle `root` [3] rad."""
+    """Compute theta [..., 16, 3] rad of joint angles [..., 15, 3] deg and the wrist's axis-angle `root` [3] rad."""
     flexion, abduction, twist = np.moveaxis(np.deg2rad(angles_deg), -1, 0)[..., None]
     rotation = (
         axis_angle_to_matrix(flexion * axes.flexion[1:])
@@ -117,7 +117,7 @@ def theta_of(angles_deg: np.ndarray, axes: FingerAxes, root: np.ndarray | None =
 
 
 def sample_angles_deg(rng: np.random.Generator, count: int) -> np.ndarray:
-    """[count, 15, 3] random natural joint angles.
+    """Draw [count, 15, 3] random natural joint angles.
 
     Each is a sparse random mix of the gestures. Every finger is then blended by a random share with a mix of its own,
     and a few degrees of noise are added to all flexions and to the abductions of the knuckles.

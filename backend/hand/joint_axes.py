@@ -18,7 +18,7 @@ _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
 def joint_frames(model: HandModel) -> np.ndarray:
-    """[16, 3, 3] in the template's frame, columns X, Y, Z; the wrist has the frame of its bone."""
+    """Compute joint frames [16, 3, 3] in the template's, columns X, Y, Z; the wrist has the frame of its bone."""
     frames = rest_bones(model).frames.copy()
     if model.sha256 == builtin_sha256():
         axes = FingerAxes.of_default_hand()
@@ -28,13 +28,13 @@ def joint_frames(model: HandModel) -> np.ndarray:
 
 
 def finger_axes(model: HandModel) -> FingerAxes:
-    """The axes of the angles of gestures, for a right hand."""
+    """Choose the axes of the angles of gestures, for a right hand."""
     frames = joint_frames(model)
     return FingerAxes(flexion=frames[..., 0], dorsal=-frames[..., 2], bone=frames[..., 1])
 
 
 def euler_rad(angles_deg: np.ndarray, side: Side) -> np.ndarray:
-    """X, Y, Z angles [..., 3] rad in a joint's frame (Blender's order YZX) of flexion, abduction, twist [..., 3]."""
+    """Convert flexion, abduction, twist [..., 3] to X, Y, Z angles [..., 3] rad in a joint's frame (Blender's YZX)."""
     flexion, abduction, twist = np.moveaxis(np.deg2rad(angles_deg), -1, 0)
     sign = 1 if side == "right" else -1
     return np.stack([flexion, sign * twist, -sign * abduction], -1)

@@ -33,7 +33,7 @@ class SkinTensors(NamedTuple):
     def of(
         cls, model: HandModel, device: torch.device | str = "cpu", dtype: torch.dtype = torch.float32
     ) -> SkinTensors:
-        """The model's arrays as tensors."""
+        """Convert the model's arrays to tensors."""
         names = ("v_template", "lbs_weights", "J_regressor", "shapedirs", "posedirs", "arm_weights")
         tensors = (torch.as_tensor(getattr(model, name), dtype=dtype, device=device) for name in names)
         return cls(*tensors, parents=tuple(int(parent) for parent in model.parents))
@@ -76,7 +76,7 @@ def pose_hand(
 
 
 def skin_motion(skin: SkinTensors, pose: HandPose) -> SkinMotion:
-    """How a pose moves the vertices into the world; `skin` is that of its side."""
+    """Compute how a pose moves the vertices into the world; `skin` is that of its side."""
     like, values = skin.v_template, (pose.theta, pose.beta, pose.transl, pose.forearm)
     return _posed(skin, *(torch.as_tensor(value, dtype=like.dtype, device=like.device) for value in values))[0]
 
@@ -108,7 +108,7 @@ def forearm_offsets(
     forearm: Float[Tensor, "*b 3"],
     rest_wrist: Float[Tensor, "*b 3"],
 ) -> Float[Tensor, "*b V 3 4"]:
-    """What a forearm that is turned against the hand adds to the blended rest-to-pose transforms of vertices.
+    """Compute what a forearm turned against the hand adds to the blended rest-to-pose transforms of vertices.
 
     Args:
         arm_weights: as in `HandModel`.
@@ -123,12 +123,12 @@ def forearm_offsets(
 
 
 def posed_vertices(model: HandModel, pose: HandPose) -> np.ndarray:
-    """[V, 3] m, world, float64, of a pose of either side."""
+    """Pose the vertices [V, 3] m, world, float64; the pose may be of either side."""
     return posed_arrays(model, pose)[0]
 
 
 def posed_arrays(model: HandModel, pose: HandPose) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [V, 3] and joints [16, 3], m, world, float64, of a pose of either side."""
+    """Find vertices [V, 3] and joints [16, 3], m, world, float64, of a pose of either side."""
     skin = SkinTensors.of(model.for_side(pose.side), dtype=torch.float64)
     values = (pose.theta, pose.beta, pose.transl, pose.forearm)
     posed = pose_hand(skin, *(torch.as_tensor(value, dtype=torch.float64) for value in values))
@@ -136,21 +136,21 @@ def posed_arrays(model: HandModel, pose: HandPose) -> tuple[np.ndarray, np.ndarr
 
 
 def pose_correctives(skin: SkinTensors, rotations: Float[Tensor, "*b 16 3 3"]) -> Float[Tensor, "*b V 3"]:
-    """Offsets of the template, linear in (R - I) of the 15 finger joints."""
+    """Compute offsets of the template, linear in (R - I) of the 15 finger joints."""
     identity = torch.eye(3, dtype=rotations.dtype, device=rotations.device)
     features = (rotations[..., 1:, :, :] - identity).flatten(-3)  # [*b, 135]
     return _offsets(skin.posedirs, features)
 
 
 def _offsets(directions: Float[Tensor, "V 3 K"], features: Float[Tensor, "*b K"]) -> Float[Tensor, "*b V 3"]:
-    """The features' sum of directions, as one product of matrices."""
+    """Sum the directions by their features, as one product of matrices."""
     return (features @ directions.flatten(0, 1).T).unflatten(-1, (len(directions), 3))
 
 
 def joint_transforms(
     rotations: Float[Tensor, "*b 16 3 3"], rest_joints: Float[Tensor, "*b 16 3"], parents: tuple[int, ...]
 ) -> Float[Tensor, "*b 16 4 4"]:
-    """Rest-to-pose transform of every joint, composed along the kinematic tree."""
+    """Compute rest-to-pose transform of every joint, composed along the kinematic tree."""
     is_root = torch.tensor(parents, device=rest_joints.device)[:, None] < 0
     offsets = rest_joints - torch.where(is_root, 0, rest_joints[..., parents, :])
     of_joints, world = _rigid(rotations, offsets).unbind(-3), list[Tensor]()

@@ -30,7 +30,7 @@ _SHAPE_DIRECTIONS = 10  # the file holds 20; MANO uses the first ten
 
 
 def read_mano_pickle(path: Path | str) -> dict[str, np.ndarray]:
-    """The arrays of a MANO `.pkl` under their own names; `J_regressor` dense, `shapedirs` the first ten.
+    """Read the arrays of a MANO `.pkl` under their own names; `J_regressor` dense, `shapedirs` the first ten.
 
     Raises:
         LiveHandError: the file is damaged, names a global that is not allowed, or holds anything but plain numbers in
@@ -57,7 +57,7 @@ class _SparseColumns(Stub):
     """`scipy.sparse.csc.csc_matrix`."""
 
     def numpy(self) -> np.ndarray:
-        """The dense matrix."""
+        """Make the dense matrix."""
         rows, columns = self.entry("_shape")
         starts, index, values = (_as_array(self.entry(key), key) for key in ("indptr", "indices", "data"))
         require(
@@ -77,7 +77,7 @@ class _Variable(Stub):
     """`chumpy.ch.Ch`: a leaf, the array `x`."""
 
     def numpy(self) -> np.ndarray:
-        """The value."""
+        """Make the value."""
         return _as_array(self.entry("x"), "x")
 
 
@@ -85,7 +85,7 @@ class _Selection(Stub):
     """`chumpy.reordering.Select`: the entries `idxs` of the flattened leaf `a`, shaped as `preferred_shape`."""
 
     def numpy(self) -> np.ndarray:
-        """The value."""
+        """Make the value."""
         leaf = self.entry("a")
         require(isinstance(leaf, _Variable), f"a selection must be of a Ch, got {type(leaf).__name__}")
         picked = leaf.numpy().ravel()[_as_array(self.entry("idxs"), "idxs")]

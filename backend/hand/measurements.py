@@ -14,7 +14,7 @@ _PRIOR_M = 1e-4
 
 
 def length_and_breadth_m(model: HandModel, beta: np.ndarray) -> np.ndarray:
-    """[2] m of the shape beta [10]: from the wrist joint to the straight middle fingertip, and across the knuckles.
+    """Measure [2] m of the shape beta [10]: from the wrist joint to the straight middle fingertip, across the knuckles.
 
     The breadth is that of the skin from index to little finger, in a slice of the template around the knuckles.
     """
@@ -27,7 +27,7 @@ def length_and_breadth_m(model: HandModel, beta: np.ndarray) -> np.ndarray:
 
 
 def fit_beta(model: HandModel, length_m: float, breadth_m: float) -> np.ndarray:
-    """[10] the shape with these measurements that is nearest to the mean shape (Gauss-Newton).
+    """Fit the shape [10] with these measurements that is nearest to the mean shape (Gauss-Newton).
 
     Raises:
         LiveHandError: the model has no shapes.
@@ -63,7 +63,7 @@ def _across(model: HandModel) -> np.ndarray:
 
 
 def _knuckle_slice(model: HandModel) -> np.ndarray:
-    """Vertices within 8 mm of the knuckles along the hand, without the thumb."""
+    """Find vertices within 8 mm of the knuckles along the hand, without the thumb."""
     along = model.joints[_MIDDLE[0]] - model.joints[0]
     along = along / np.linalg.norm(along)
     middle = model.joints[list(_KNUCKLES)].mean(0)

@@ -78,7 +78,7 @@ class HandModel:
         return (self.arm_weights == 0) | ((self.v_template - wrist) @ elbow < _FRAMED_ARM_M)
 
     def for_side(self, side: Side) -> HandModel:
-        """This hand if it has this side, else its exact mirror image in the plane x = 0."""
+        """Return this hand if it has this side, else its exact mirror image in the plane x = 0."""
         return self if side == self.side else _mirrored(self)
 
 
@@ -89,7 +89,7 @@ _MIRROR_MATRIX = np.outer(MIRROR_POINT, MIRROR_POINT).ravel()
 
 
 def upright(side: Side) -> np.ndarray:
-    """[3, 3] `UPRIGHT` for the template of a side; the left hand's is the mirror image."""
+    """Return [3, 3] `UPRIGHT` for the template of a side; the left hand's is the mirror image."""
     return UPRIGHT if side == "right" else UPRIGHT * np.outer(MIRROR_POINT, MIRROR_POINT)
 
 

@@ -74,7 +74,7 @@ def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:
 
 
 def load_hands_mean(path: Path | str) -> np.ndarray:
-    """[15, 3] rad: the mean pose of the finger joints in a MANO file, from which many data sets count.
+    """Load [15, 3] rad: the mean pose of the finger joints in a MANO file, from which many data sets count.
 
     Raises:
         LiveHandError: the file is missing, or has no mean pose.
@@ -83,7 +83,7 @@ def load_hands_mean(path: Path | str) -> np.ndarray:
 
 
 def load_hands_components(path: Path | str) -> np.ndarray:
-    """[45, 45] rad: the principal components of the finger joints in a MANO file, in rows.
+    """Load [45, 45] rad: the principal components of the finger joints in a MANO file, in rows.
 
     Raises:
         LiveHandError: the file is missing, or has no components.
@@ -137,7 +137,7 @@ def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandM
 
 
 def _numbers(arrays: dict[str, np.ndarray], key: str, path: Path) -> np.ndarray:
-    """One array as float64, which represents indices up to 2^32 exactly."""
+    """Convert one array to float64, which represents indices up to 2^32 exactly."""
     if arrays[key].dtype.kind not in "biuf":
         raise LiveHandError(f"{path}: {key} must hold numbers, got dtype {arrays[key].dtype}")
     return arrays[key].astype(np.float64)
@@ -146,7 +146,7 @@ def _numbers(arrays: dict[str, np.ndarray], key: str, path: Path) -> np.ndarray:
 def _closed_mesh(
     arrays: dict[str, np.ndarray], v_template: np.ndarray, path: Path
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Faces including caps, and an atlas (vt, ft) of all of them: the file's own or a new one."""
+    """Close the mesh: faces including caps, and an atlas (vt, ft) of all of them, the file's own or a new one."""
     faces = _numbers(arrays, "f", path).astype(np.int64)
     _check_triangles(path, ("v_template", v_template, 3), ("f", faces))
     if np.abs(v_template).max() > _FARTHEST_M:

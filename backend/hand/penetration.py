@@ -53,7 +53,7 @@ class Contacts:
         return float(self.depth_m.max(initial=0.0))
 
     def gaps_m(self, positions: np.ndarray) -> np.ndarray:
-        """[..., P] signed distances along `out` of other positions [..., V, 3]: negative inside."""
+        """Compute [..., P] signed distances along `out` of other positions [..., V, 3]: negative inside."""
         across = positions[..., self.vertices, :] - np.einsum(
             "pk,...pkc->...pc", self.weights, positions[..., self.faces, :]
         )
@@ -70,7 +70,7 @@ class HandParts:
         self._part = np.where(joint == 0, 5, (joint - 1) // 3)  # [V]
 
     def contacts(self, positions: np.ndarray) -> Contacts:
-        """Vertices of posed positions [V, 3] m inside another part."""
+        """Find vertices of posed positions [V, 3] m inside another part."""
         found = [self._inside(positions, part) for part in range(6)]
         vertices, triangles = (np.concatenate(rows) for rows in zip(*found, strict=True))
         corners = positions[triangles]
@@ -81,7 +81,7 @@ class HandParts:
         return Contacts(vertices, triangles, weights, away / np.maximum(depth, 1e-9)[:, None], depth)
 
     def _inside(self, positions: np.ndarray, part: int) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices [P] of other parts in this one, and the part's triangles [P, 3] nearest to them."""
+        """Find vertices [P] of other parts in this one, and the part's triangles [P, 3] nearest to them."""
         triangles, far = self._surfaces[part]
         corners = positions[triangles]
         low, high = corners.min((0, 1)), corners.max((0, 1))
@@ -146,7 +146,7 @@ def relieved_angles(parts: HandParts, model: HandModel, angles_deg: np.ndarray, 
 
 
 def _lies_behind(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """[N] whether points lie behind the nearest of some triangles, by their centres: quick, and too often."""
+    """Return [N] whether points lie behind the nearest of some triangles, by their centres: quick, and too often."""
     if not len(points):
         return np.zeros(0, bool)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -157,7 +157,7 @@ def _lies_behind(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _winding(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """[N] winding numbers of triangles [F, 3, 3] about points [N, 3] (Van Oosterom and Strackee 1983)."""
+    """Compute [N] winding numbers of triangles [F, 3, 3] about points [N, 3] (Van Oosterom and Strackee 1983)."""
     a, b, c = (corners[None, :, k] - points[:, None] for k in range(3))
     la, lb, lc = (np.linalg.norm(side, axis=-1) for side in (a, b, c))
     above = np.einsum("nfc,nfc->nf", a, np.cross(b, c))

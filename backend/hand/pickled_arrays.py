@@ -27,7 +27,7 @@ class RestrictedUnpickler(pickle.Unpickler):
         self._allowed, self._refusal = allowed, refusal
 
     def find_class(self, module_name: str, global_name: str, /) -> Any:
-        """The stand-in of a global.
+        """Find the stand-in of a global.
 
         Raises:
             LiveHandError: the global is not allowed.
@@ -50,7 +50,7 @@ class Stub:
         object.__setattr__(self, "state", state)
 
     def entry(self, key: str) -> Any:
-        """An entry of the state, which must be a dictionary."""
+        """Look up an entry of the state, which must be a dictionary."""
         require(isinstance(self.state, dict) and key in self.state, f"{type(self).__name__[1:]} must have {key!r}")
         return self.state[key]
 
@@ -71,7 +71,7 @@ class Dtype(Stub):
         return dtype
 
     def numpy(self) -> np.dtype:
-        """The type with its byte order. Its state is (version, byte order, subarray, names, fields, ...)."""
+        """Make the type with its byte order. Its state is (version, byte order, subarray, names, fields, ...)."""
         order, *inner = self.state[1:5]
         require(order in ("<", ">", "|") and inner == [None] * 3, f"arrays must hold plain numbers, got {self.state!r}")
         return np.dtype(order + self.code)
@@ -94,7 +94,7 @@ class Array(Stub):
         return object.__new__(cls)
 
     def numpy(self) -> np.ndarray:
-        """The array. Its state is (version, shape, dtype, is Fortran-ordered, raw data as bytes or latin-1 text)."""
+        """Make the array. Its state is (version, shape, dtype, is Fortran-ordered, raw data as bytes or latin-1)."""
         _, shape, dtype, is_fortran, raw = self.state
         require(
             isinstance(dtype, Dtype) and isinstance(raw, str | bytes),

@@ -13,7 +13,7 @@ _NOISE_DEG = np.array([3.0, 1.5, 1.0])  # of flexion, abduction and twist
 
 
 def sample_poses_deg(rng: np.random.Generator, count: int) -> np.ndarray:
-    """[count, 15, 3] joint angles, degrees from the built-in hand's rest pose; parts may cross a little."""
+    """Draw [count, 15, 3] joint angles, degrees from the built-in hand's rest pose; parts may cross a little."""
     library = [pose.gesture.angles_deg() for pose in POSES.values()]
     angles = sample_angles_deg(rng, count)
     for k in np.flatnonzero(rng.random(count) < LIBRARY_SHARE):

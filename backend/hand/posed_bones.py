@@ -14,7 +14,7 @@ _MAX_OFF_POSE_M = 0.001  # root mean square over the vertices
 
 
 def bone_frames(model: HandModel, pose: HandPose) -> np.ndarray:
-    """[16, 4, 4] from each joint's frame to the world, m; frames of the other hand are mirrored to the model's side.
+    """Compute [16, 4, 4] from each joint's frame to the world, m; the other hand's are mirrored to the model's side.
 
     Their axes are the template's, turned by the joint's rotation in the world.
     """

@@ -42,7 +42,7 @@ def _pose(
     tags: tuple[str, ...],
     *angles: tuple[Degrees, ...],
 ) -> LibraryPose:
-    """A row of the table.
+    """Build a row of the table.
 
     `angles` are flexions (MCP, PIP, DIP) of index, middle, ring and little finger; abductions of these four; flexion,
     abduction and twist of the thumb's CMC joint with the flexion of its MCP and IP joint.

@@ -25,13 +25,13 @@ class Skinning(NamedTuple):
 
     @classmethod
     def of(cls, model: HandModel, device: torch.device | str = "cpu") -> Skinning:
-        """The skinning of a model; both sides share it."""
+        """Build the skinning of a model; both sides share it."""
         weights = torch.as_tensor(model.lbs_weights, dtype=torch.float32, device=device)
         return cls(weights, torch.as_tensor(model.parents, device=device))
 
 
 def topology_of(model: HandModel, device: torch.device | str = "cpu", canonical_side: Side | None = None) -> Topology:
-    """The mesh topology of a model.
+    """Build the mesh topology of a model.
 
     Args:
         model: of either side.

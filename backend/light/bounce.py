@@ -20,7 +20,7 @@ from torch.nn.functional import embedding_bag
 from ..geometry.mesh import PosedMesh, Topology
 
 MOST_PROBES = 2048
-"""Of a mesh of more vertices, as many of them stand for their neighbours; or fewer (`Fineness`)."""
+"""Of a mesh of more vertices, as many of them stand for their neighbours; or fewer (`LightQuality`)."""
 _LEAST_SQUARED_M = 1e-8
 _POINTS_AT_ONCE = 2048
 _TINY = 1e-20

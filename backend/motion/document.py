@@ -40,7 +40,7 @@ class Document:
         return self.content if isinstance(self.content, dict) else {}
 
     def array(self, value: Any, name: str, *shapes: Sequence[int | None]) -> np.ndarray:
-        """A value of the content as a float64 array of one of the shapes; None stands for any length.
+        """Read a value of the content as a float64 array of one of the shapes; None stands for any length.
 
         Raises:
             LiveHandError: the value is not numeric, has another shape, or is not finite.
@@ -100,13 +100,13 @@ def _read_pickle(path: Path) -> Any:
 
 
 def _read_json_lines(path: Path) -> list[Any]:
-    """A document on each line, as trackers write that send one frame after another."""
+    """Read a document on each line, as trackers write that send one frame after another."""
     lines = read_regular(path, MOST_JSON_BYTES).splitlines()
     return [parse_json(line, f"line {number}") for number, line in enumerate(lines, 1) if line.strip()]
 
 
 def _read_csv(path: Path) -> dict[str, np.ndarray] | np.ndarray:
-    """The columns of a table by their names, or all numbers of one without names; an empty cell is NaN."""
+    """Read the columns of a table by their names, or all numbers of one without names; an empty cell is NaN."""
     text = read_regular(path, _MOST_TABLE_BYTES).decode("utf-8-sig")
     separator = next((mark for mark in ";\t" if mark in text.partition("\n")[0]), ",")
     lines = csv.reader(text.splitlines(), delimiter=separator)
@@ -132,7 +132,7 @@ def _column(cells: Sequence[str], separator: str) -> np.ndarray:
 
 
 def _number(cell: str, separator: str) -> float:
-    """A cell's number; tables with other separators may have decimal commas."""
+    """Read a cell's number; tables with other separators may have decimal commas."""
     if not cell.strip() or cell.strip().lower() in ("none", "null"):
         return np.nan
     return float(cell if separator == "," else cell.replace(",", "."))

@@ -31,7 +31,7 @@ class ManoBasis:
     side: Side
 
     def for_side(self, side: Side) -> ManoBasis:
-        """The basis of a side; the other hand's is the exact mirror image."""
+        """Return the basis of a side; the other hand's is the exact mirror image."""
         if side == self.side:
             return self
         mirror = np.tile(MIRROR_AXIS_ANGLE, 15)
@@ -49,7 +49,7 @@ def load_mano_basis(path: Path | str) -> ManoBasis:
 
 
 def find_basis(mano_path: Path | None, hand_path: Path | None) -> ManoBasis | None:
-    """The basis of the MANO file that the user names, else of the hand's own file; None if neither has one.
+    """Find the basis of the MANO file that the user names, else of the hand's own file; None if neither has one.
 
     Raises:
         LiveHandError: the file that the user names is missing, or lacks mean or components.
@@ -63,7 +63,7 @@ def find_basis(mano_path: Path | None, hand_path: Path | None) -> ManoBasis | No
 
 
 def require_basis(basis: ManoBasis | None, side: Side, user: str) -> ManoBasis:
-    """The basis of a side; `user` says in the error message what needs it.
+    """Return the basis of a side, or raise; `user` says in the error message what needs it.
 
     Raises:
         LiveHandError: the basis is None.

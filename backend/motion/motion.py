@@ -80,13 +80,13 @@ class HandMotion:
         return np.broadcast_to(self.forearm, (len(self), 3))
 
     def pose(self, index: int) -> HandPose:
-        """The pose of one frame."""
+        """Return the pose of one frame."""
         beta, forearm = self.betas[index].copy(), self.forearms[index].copy()
         return HandPose(self.theta[index], beta, self.transl[index], self.side, forearm)
 
 
 def motion_from_poses(poses: Sequence[HandPose], fps: float | None = None) -> HandMotion:
-    """The motion through poses of one side; beta is [10] and forearm [3] if all poses share it."""
+    """Join poses of one side to a motion; beta is [10] and forearm [3] if all poses share it."""
     beta, forearm = (shared(np.array([getattr(pose, name) for pose in poses])) for name in ("beta", "forearm"))
     theta, transl = np.array([pose.theta for pose in poses]), np.array([pose.transl for pose in poses])
     sides: set[Side] = {pose.side for pose in poses}
@@ -96,12 +96,12 @@ def motion_from_poses(poses: Sequence[HandPose], fps: float | None = None) -> Ha
 
 
 def shared(values: np.ndarray) -> np.ndarray:
-    """[n] what all rows of values [T, n] are, or the values if they differ."""
+    """Reduce values [T, n] to one row [n] if all are equal, else return them."""
     return values[0] if len(values) and (values == values[0]).all() else values
 
 
 def mirrored(motion: HandMotion) -> HandMotion:
-    """The same motion of the other hand, mirrored at the plane x = 0 of the hand's own space."""
+    """Mirror the motion for the other hand, at the plane x = 0 of the hand's own space."""
     side: Side = "left" if motion.side == "right" else "right"
     theta, forearm = motion.theta * MIRROR_AXIS_ANGLE, motion.forearm * MIRROR_AXIS_ANGLE
     return replace(motion, theta=theta, transl=motion.transl * MIRROR_POINT, side=side, forearm=forearm)

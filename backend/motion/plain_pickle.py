@@ -20,7 +20,7 @@ _REFUSAL = "a pickle of poses may not use {}, which could run code; save plain n
 
 
 def read_plain_pickle(raw: bytes) -> Any:
-    """The content of a pickle.
+    """Read the content of a pickle.
 
     Raises:
         LiveHandError: the pickle names a global other than those of numpy arrays of plain numbers, or is too large,
@@ -51,7 +51,7 @@ class _Scalar(Stub):
         return scalar
 
     def numpy(self) -> np.ndarray:
-        """The value, as an array without axes."""
+        """Make the value, as an array without axes."""
         dtype, raw = self.state
         require(isinstance(dtype, Dtype) and dtype.code != "O", "numbers must be plain, got an object")
         return np.frombuffer(raw.encode("latin1") if isinstance(raw, str) else raw, dtype.numpy()).reshape(())
@@ -66,7 +66,7 @@ class _Buffer(Stub):
         return buffer
 
     def numpy(self) -> np.ndarray:
-        """The array."""
+        """Make the array."""
         raw, dtype, shape, order = self.state
         require(isinstance(dtype, Dtype) and dtype.code != "O", "arrays must hold plain numbers, got objects")
         return np.frombuffer(bytes(raw), dtype.numpy()).reshape(shape, order="F" if order == "F" else "C").copy()
@@ -99,11 +99,11 @@ class _Conversion:
         self._open: set[int] = set()
 
     def of(self, value: Any) -> Any:
-        """The value as plain data."""
+        """Convert the value to plain data."""
         return self._converted(value)[0]
 
     def _converted(self, value: Any) -> tuple[Any, int]:
-        """The plain value, and how many numbers it holds once everything is written out."""
+        """Convert the value, and count how many numbers it holds once everything is written out."""
         key = id(value)
         if key in self._done:
             return self._done[key]
@@ -136,7 +136,7 @@ class _Conversion:
 
 
 def _is_wrapper(array: Array) -> bool:
-    """Whether the array is the one that `numpy.save` wraps a dictionary in."""
+    """Tell whether the array is the one that `numpy.save` wraps a dictionary in."""
     _, shape, dtype, _, items = array.state
     is_object = isinstance(dtype, Dtype) and dtype.code == "O"
     require(

@@ -102,7 +102,7 @@ class PoseFile:
         return tuple(self.hands)
 
     def with_changes(self, **changes: Any) -> PoseFile:
-        """The same numbers with fields of `FileInfo` replaced.
+        """Replace fields of `FileInfo` and keep the numbers.
 
         A side that the file has selects that hand. In a file with one hand, the other side corrects which hand it is.
 
@@ -118,7 +118,7 @@ class PoseFile:
         return replace(self, info=replace(info, frames=span, missing=span - len(raw.frame_indices)))
 
     def motion(self, basis: ManoBasis | None = None) -> HandMotion:
-        """The motion in metres and absolute angles, in the file's own space; gaps are filled by slerp.
+        """Convert to metres and absolute angles, in the file's own space; gaps are filled by slerp.
 
         Args:
             basis: MANO's mean and components, if the angles count from them.
@@ -134,7 +134,7 @@ class PoseFile:
         return with_gaps_filled(motion, raw.frame_indices)
 
     def warning(self, basis: ManoBasis | None = None) -> str | None:
-        """Why `has_mean_added` is probably wrong; None if the numbers agree with it or there are too few."""
+        """Word why `has_mean_added` is probably wrong; None if the numbers agree with it or there are too few."""
         raw = self._raw(self.info.side)
         if self.info.pca_components or len(raw.fingers) < _LEAST_FRAMES_TO_WARN:
             return None
@@ -148,7 +148,7 @@ class PoseFile:
         return None
 
     def _absolute_fingers(self, basis: ManoBasis | None) -> np.ndarray:
-        """[N, 15, 3] rad."""
+        """Convert the fingers to absolute angles [N, 15, 3], rad."""
         info, raw = self.info, self._raw(self.info.side)
         if info.has_mean_added and not info.pca_components:
             return raw.fingers.reshape(-1, 15, 3)
@@ -166,7 +166,7 @@ class PoseFile:
 
 
 def with_gaps_filled(motion: HandMotion, frame_indices: np.ndarray) -> HandMotion:
-    """A motion given at increasing frames [T], at every frame from the first to the last."""
+    """Fill a motion given at increasing frames [T], to every frame from the first to the last."""
     times = frame_indices - frame_indices[0]
     return motion if len(times) == times[-1] + 1 else sampled_at(motion, np.arange(times[-1] + 1), times)
 
@@ -189,7 +189,7 @@ def pose_file(
     fps: float | None = None,
     notes: tuple[str, ...] = (),
 ) -> PoseFile:
-    """A file of these hands, in metres, interpreted as its format says; the right hand is preferred.
+    """Make a file of these hands, in metres, interpreted as its format says; the right hand is preferred.
 
     Raises:
         LiveHandError: the file has no hand.
@@ -215,7 +215,7 @@ def raw_hand(
     has_right_hand_angles: bool = False,
     forearm: np.ndarray | None = None,
 ) -> RawHand:
-    """A hand from pose [N, 3 + n], the wrist's axis-angle and then the fingers; beta is cut or padded to ten.
+    """Split pose [N, 3 + n] into the wrist's axis-angle and the fingers; beta is cut or padded to ten.
 
     Without a forearm [3] or [N, 3], rad, it goes on straight.
     """

@@ -15,7 +15,7 @@ _KERNEL_RADIUS = 3  # standard deviations
 
 
 def resampled(motion: HandMotion, fps: float) -> HandMotion:
-    """The motion at another frame rate; samples after the last frame are dropped.
+    """Resample the motion at another frame rate; samples after the last frame are dropped.
 
     Raises:
         LiveHandError: the motion's own rate is unknown, or `fps` is not positive.
@@ -30,7 +30,7 @@ def resampled(motion: HandMotion, fps: float) -> HandMotion:
 
 
 def sampled_at(motion: HandMotion, positions: np.ndarray, times: np.ndarray | None = None) -> HandMotion:
-    """The motion at positions [M] on the time axis of its frames; constant before the first and after the last.
+    """Sample the motion at positions [M] on the time axis of its frames; constant before the first and after the last.
 
     Args:
         motion: of T frames.
@@ -50,12 +50,12 @@ def sampled_at(motion: HandMotion, positions: np.ndarray, times: np.ndarray | No
 
 
 def _turned(start: np.ndarray, end: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Axis-angles [..., 3] on the shorter arc between two; t [...] is 0 at the start and 1 at the end."""
+    """Interpolate axis-angles [..., 3] on the shorter arc between two; t [...] is 0 at the start and 1 at the end."""
     return quaternion_to_axis_angle(slerp(axis_angle_to_quaternion(start), axis_angle_to_quaternion(end), t))
 
 
 def slerp(start: np.ndarray, end: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Unit quaternions [..., 4] on the shorter arc; t [...] is 0 at the start and 1 at the end."""
+    """Interpolate unit quaternions [..., 4] on the shorter arc; t [...] is 0 at the start and 1 at the end."""
     dot = (start * end).sum(-1, keepdims=True)
     end, dot = np.where(dot < 0, -end, end), np.minimum(np.abs(dot), 1)
     angle = np.arccos(dot)
@@ -68,7 +68,7 @@ def slerp(start: np.ndarray, end: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def smoothed(motion: HandMotion, frames: float) -> HandMotion:
-    """The motion under a Gaussian filter with a standard deviation of `frames`; 0 changes nothing."""
+    """Smooth the motion by a Gaussian filter with a standard deviation of `frames`; 0 changes nothing."""
     if frames <= 0 or len(motion) == 1:
         return motion
     forearm = motion.forearm if motion.forearm.ndim == 1 else _smoothed_turns(motion.forearm, frames)
@@ -77,13 +77,13 @@ def smoothed(motion: HandMotion, frames: float) -> HandMotion:
 
 
 def _smoothed_turns(turns: np.ndarray, deviation: float) -> np.ndarray:
-    """Axis-angles [T, ..., 3] through the mean of their quaternions."""
+    """Smooth axis-angles [T, ..., 3] through the mean of their quaternions."""
     quaternions = _gaussian_mean(continuous(axis_angle_to_quaternion(turns)), deviation)
     return quaternion_to_axis_angle(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))
 
 
 def _gaussian_mean(values: np.ndarray, deviation: float) -> np.ndarray:
-    """Along the first axis; near the ends the kernel is cut and its weights are normalised."""
+    """Average along the first axis; near the ends the kernel is cut and its weights are normalised."""
     count = len(values)
     radius = min(int(np.ceil(_KERNEL_RADIUS * deviation)), count - 1)
     total, weights = np.zeros_like(values), np.zeros(count)

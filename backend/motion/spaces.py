@@ -28,12 +28,12 @@ TO_BLENDER: dict[Space, np.ndarray] = {
 
 
 def rest_wrists(model: HandModel, beta: np.ndarray) -> np.ndarray:
-    """[..., 3] m: the wrist joint, about which the root rotates, of shapes [..., 10] in the template's frame."""
+    """Return [..., 3] m: the wrist joint, about which the root rotates, of shapes [..., 10] in the template's frame."""
     return model.joints[0] + np.einsum("v,vck,...k->...c", model.J_regressor[0], model.shapedirs, beta)
 
 
 def transformed(motion: HandMotion, matrix: np.ndarray, wrists: np.ndarray) -> HandMotion:
-    """The motion under an affine transform. A scale applies to the wrist's position, not to the hand's size.
+    """Transform the motion by an affine map. A scale applies to the wrist's position, not to the hand's size.
 
     Args:
         motion: of T frames.
@@ -48,7 +48,7 @@ def transformed(motion: HandMotion, matrix: np.ndarray, wrists: np.ndarray) -> H
 
 
 def to_blender(space: Space) -> np.ndarray:
-    """[4, 4] from a file's space to Blender's world."""
+    """Look up the transform [4, 4] from a file's space to Blender's world."""
     matrix = np.eye(4)
     matrix[:3, :3] = TO_BLENDER[space]
     return matrix

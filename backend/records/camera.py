@@ -51,19 +51,19 @@ class Camera:
         return self.cam2world[:3, 3]
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """World points [..., 3] m -> (pixel positions [..., 2], depth [...] m). Depth <= 0 lies behind the camera."""
+        """Project world points [..., 3] m to pixels [..., 2] and depth [...] m. Depth <= 0 lies behind the camera."""
         in_camera = (points - self.origin) @ self.cam2world[:3, :3]
         homogeneous = in_camera @ self.K.T
         return homogeneous[..., :2] / homogeneous[..., 2:], in_camera[..., 2]
 
     def ray_directions(self, pixels_px: np.ndarray) -> np.ndarray:
-        """World directions [..., 3], scaled to depth 1, through the pixel positions [..., 2]."""
+        """Compute world directions [..., 3], scaled to depth 1, through the pixel positions [..., 2]."""
         ones = np.ones_like(pixels_px[..., :1])
         in_camera = np.concatenate([pixels_px, ones], -1) @ np.linalg.inv(self.K).T
         return in_camera @ self.cam2world[:3, :3].T
 
     def through_lens(self, offset_m: np.ndarray, focus_m: float) -> Camera:
-        """The view through a point of a thin lens beside its centre; the plane of focus does not move in the image.
+        """Look through a point of a thin lens beside its centre; the plane of focus does not move in the image.
 
         Args:
             offset_m: [2] along the camera's x and y.
@@ -75,18 +75,18 @@ class Camera:
         return replace(self, K=K, cam2world=cam2world)
 
     def cropped(self, x0_px: int, y0_px: int, size_px: tuple[int, int]) -> Camera:
-        """The camera of a crop of `size_px` with upper left pixel (x0, y0); it may extend outside the image."""
+        """Crop to `size_px` with upper left pixel (x0, y0); the crop may extend outside the image."""
         shift = np.array([[1, 0, -x0_px], [0, 1, -y0_px], [0, 0, 1.0]])
         return replace(self, K=shift @ self.K, size_px=size_px)
 
     def scaled(self, factor: float) -> Camera:
-        """The camera of the same view at `factor` times the resolution (image size rounded up)."""
+        """Scale the same view to `factor` times the resolution (image size rounded up)."""
         width, height = (int(np.ceil(n * factor)) for n in self.size_px)
         return replace(self, K=np.diag([factor, factor, 1.0]) @ self.K, size_px=(width, height))
 
 
 def look_at(origin: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """cam2world [4, 4] of a camera at `origin` that looks at `target` with `up` towards the top of the image."""
+    """Aim a camera at `target`: its cam2world [4, 4] from `origin`, with `up` towards the top of the image."""
     forward = (target - origin) / np.linalg.norm(target - origin)
     right = np.cross(forward, up)
     right = right / np.linalg.norm(right)

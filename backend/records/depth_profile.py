@@ -31,7 +31,7 @@ class DepthProfile:
 
     @classmethod
     def of_surface(cls, depth: np.ndarray, alpha: np.ndarray, background: float) -> DepthProfile:
-        """The profile of a surface.
+        """Build the profile of a surface.
 
         Args:
             depth: [H, W] m, `background` beside the surface; a pixel that shows some of it is as deep as those beside.
@@ -53,7 +53,7 @@ class DepthProfile:
         return self.weights.sum(1)
 
     def transmittance(self, rays: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """The share of light that reaches the camera past this hand.
+        """Compute the share of light that reaches the camera past this hand.
 
         Args:
             rays: [K] ray indices; -1: no ray.
@@ -71,19 +71,19 @@ _THIN_M, _THICK_M = 1e-4, 2e-3
 
 
 def _lowest_around(depth: np.ndarray) -> np.ndarray:
-    """[H, W] of each pixel and the eight beside it."""
+    """Take the lowest [H, W] of each pixel and the eight beside it."""
     padded = np.pad(depth, 1, mode="edge")
     rows = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
     return np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
 
 
 def _slant_m(depth: np.ndarray) -> np.ndarray:
-    """[H, W] by how much a surface's depth changes within each pixel."""
+    """Measure by how much [H, W] a surface's depth changes within each pixel."""
     return np.clip(sum(_step_along(depth, axis) for axis in (0, 1)), _THIN_M, _THICK_M)
 
 
 def _step_along(depth: np.ndarray, axis: int) -> np.ndarray:
-    """[H, W] the smaller of the steps to the two pixels beside each."""
+    """Return the smaller [H, W] of the steps to the two pixels beside each."""
     if depth.shape[axis] == 1:
         return np.zeros_like(depth)
     steps = np.abs(np.diff(depth, axis=axis))
@@ -93,7 +93,7 @@ def _step_along(depth: np.ndarray, axis: int) -> np.ndarray:
 
 
 def opacity_before(depth: np.ndarray, t: np.ndarray, dt: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """[K, M] alpha of K rays in front of depths [K, M], m; the opacity of each step is spread evenly over it."""
+    """Return [K, M] alpha of K rays in front of depths [K, M], m; the opacity of each step is spread evenly over it."""
     total = np.zeros_like(depth)
     for sample in range(t.shape[1]):  # N is small: this loop is faster than a third axis
         share = np.clip((depth - t[:, sample, None]) / dt[:, None] + 0.5, 0, 1)

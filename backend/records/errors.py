@@ -12,7 +12,7 @@ class LiveHandError(Exception):
 
     @classmethod
     def of_faults(cls, subject: str, faults: Sequence[str]) -> LiveHandError:
-        """One error for all that is wrong with the subject: the first ten faults, and how many there are."""
+        """Join all that is wrong with the subject to one error: the first ten faults, and how many there are."""
         if len(faults) == 1:
             return cls(f"{subject}: {faults[0]}")
         more = [f"and {len(faults) - _SHOWN} more"] if len(faults) > _SHOWN else []

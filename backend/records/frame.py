@@ -32,7 +32,7 @@ DEPTH_BACKGROUND = 1e10  # Cycles' own value
 
 
 def empty_frame(size_px: tuple[int, int]) -> Frame:
-    """A frame without a hand."""
+    """Make a frame without a hand."""
     width, height = size_px
     depth = np.full((height, width), DEPTH_BACKGROUND, np.float32)
     return Frame(np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32), depth)

@@ -75,7 +75,7 @@ class Lamp:
 
 
 def rotation_facing(towards: np.ndarray) -> np.ndarray:
-    """[3, 3] rotation of a lamp that stands in the unit direction `towards` [3] and shines back."""
+    """Compute [3, 3] rotation of a lamp that stands in the unit direction `towards` [3] and shines back."""
     across = np.cross([0, 0, 1.0] if abs(towards[2]) < 0.9 else [0, 1.0, 0], towards)
     across /= np.linalg.norm(across)
     return np.stack([across, np.cross(towards, across), towards], 1)
@@ -115,7 +115,7 @@ class Sky:
 
 
 def sky_directions(height: int, width: int) -> np.ndarray:
-    """[H, W, 3] unit directions of the centres of an equirectangular map's texels, world; as in `Sky`."""
+    """Compute [H, W, 3] unit directions of the centres of an equirectangular map's texels, world; as in `Sky`."""
     elevation = pi / 2 - (np.arange(height) + 0.5) * pi / height
     azimuth = pi - (np.arange(width) + 0.5) * 2 * pi / width
     across = np.cos(elevation)[:, None]
@@ -195,7 +195,7 @@ class Light:
         return not (sky > 0 or any(np.max(lamp.rgb) > 0 for lamp in self.lamps))
 
     def of_group(self, name: str) -> Light:
-        """The light of one group alone; the occluders stay, and nothing is measured of a group."""
+        """Select the light of one group alone; the occluders stay, and nothing is measured of a group."""
         sky = self.sky if self.sky is not None and self.sky.group == name else None
         lamps = tuple(lamp for lamp in self.lamps if lamp.group == name)
         return replace(self, lamps=lamps, sky=sky, measured=None)

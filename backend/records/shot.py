@@ -6,6 +6,7 @@ They are frozen dataclasses of numpy arrays: no bpy object and no torch tensor c
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from .camera import Camera
 from .errors import LiveHandError
 from .light import Light
 from .side import Side
+
+Quality = Literal["preview", "final"]
 
 
 @dataclass(frozen=True)
@@ -49,11 +52,11 @@ class HandPose:
 
     @classmethod
     def rest(cls, side: Side = "right") -> HandPose:
-        """The template's pose and shape, at the origin."""
+        """Return the template's pose and shape, at the origin."""
         return cls(np.zeros((16, 3)), np.zeros(10), np.zeros(3), side)
 
     def mirrored(self) -> HandPose:
-        """The same pose of the other hand, mirrored at the plane x = 0 of the hand's own space."""
+        """Mirror the pose for the other hand, at the plane x = 0 of the hand's own space."""
         side: Side = "left" if self.side == "right" else "right"
         return replace(
             self,
@@ -78,8 +81,8 @@ class Shot:
         wrist_fade_m: length along the hand at rest over which the frame turns transparent towards the cut end of arm or
             wrist; 0: it ends opaque.
         hair: the share of its hairs that the hand shows, 0 to 1, where its avatar's skin is known.
-        is_moving: whether the frame is one of many that nobody looks at for long: its surface, its shadows and its
-            networks' arithmetic may then be coarser, and it has no hairs.
+        quality: "preview" of one of many frames that nobody looks at for long: its surface, its shadows and its
+            networks' arithmetic may be coarser, and it has no hairs.
     """
 
     pose: HandPose
@@ -88,7 +91,7 @@ class Shot:
     light: Light | None = None
     wrist_fade_m: float = 0.0
     hair: float = 0.0
-    is_moving: bool = False
+    quality: Quality = "final"
 
     def __post_init__(self):
         if np.ndim(self.vertices) != 2 or np.shape(self.vertices)[1] != 3:
@@ -99,7 +102,9 @@ class Shot:
             raise LiveHandError(f"the wrist's fade must be a length of 0 or more, got {self.wrist_fade_m} m")
         if not 0 <= self.hair <= 1:
             raise LiveHandError(f"the hand's hair must be a share from 0 to 1, got {self.hair}")
+        if self.quality not in ("preview", "final"):
+            raise LiveHandError(f"a shot's quality must be 'preview' or 'final', got {self.quality!r}")
 
     def with_camera(self, camera: Camera) -> Shot:
-        """The same hand from another view."""
+        """Show the same hand from another view."""
         return replace(self, camera=camera)

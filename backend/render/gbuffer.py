@@ -105,8 +105,8 @@ class RelightableNetworks:
             rays: decoded.
             skin: depth of what the full-size image shows, by which it takes the light of rays on the same surface.
         """
-        points, edge_m = rays.points, met.mesh_depth.edge_m
-        told = points if met.hits is None else without_strays(points, rays.low.alpha, met.hits, edge_m)
+        points = rays.points
+        told = points if met.hits is None else without_strays(points, rays.low.alpha, met.hits, skin.edge_m)
         return self.backend.lit_image(self.superres, rays.low, told, met.pixel, met.hand.camera, skin)
 
 
@@ -158,7 +158,7 @@ class GBuffer:
         return (
             ours.camera.size_px == theirs.camera.size_px
             and ours.pose.side == theirs.pose.side
-            and (ours.hair, ours.is_moving) == (theirs.hair, theirs.is_moving)
+            and (ours.hair, ours.quality) == (theirs.hair, theirs.quality)
             and np.array_equal(ours.vertices, theirs.vertices)
             and np.array_equal(ours.pose.theta, theirs.pose.theta)
             and np.array_equal(ours.camera.K, theirs.camera.K)

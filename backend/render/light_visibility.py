@@ -126,7 +126,7 @@ def sky_shadows(
     backend: ReferenceBackend, hand: HandInView, occluders: Float[Tensor, "T 3 3"], position: Float[Tensor, "R 3"]
 ) -> PointShadows:
     """The shadows of the sky's cells at points and then at the probes, whatever light comes from there."""
-    views, of_cell = ShadowedSky.of(hand.fineness.sky_directions, position.device)
+    views, of_cell = ShadowedSky.of(hand.light_quality.sky_directions, position.device)
     shadows = _shadows_from_afar(backend, hand, occluders, position, views)
     if len(views.distance) == SKY_DIRECTIONS:
         return shadows
@@ -154,7 +154,7 @@ def _shadows_from_afar(
     backend: ReferenceBackend, hand: HandInView, occluders: Tensor, position: Tensor, views: LightViews
 ) -> PointShadows:
     vertices = hand.mesh.vertices
-    points = torch.cat([position, vertices[probe_vertices(len(vertices), hand.fineness.probes)]])
+    points = torch.cat([position, vertices[probe_vertices(len(vertices), hand.light_quality.probes)]])
     return backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, points, SKY_MAP_PX)
 
 
@@ -182,7 +182,7 @@ def light_shadows(
         shining_on_probes: the lamps as they light that skin, in fewer samples; None: as everywhere.
         lamp_skins: cast and take their shadows; None: the mesh does, at the points.
     """
-    probes, bounds = Probes.of(hand.mesh, hand.topology, hand.fineness.probes), Bounds.of(hand.mesh)
+    probes, bounds = Probes.of(hand.mesh, hand.topology, hand.light_quality.probes), Bounds.of(hand.mesh)
 
     def cast(views: LightViews, skin: LampSkin, map_px: int) -> PointShadows:
         return backend.point_shadows(skin.mesh, skin.faces, occluders, views, skin.position, map_px, bounds)

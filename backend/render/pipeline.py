@@ -29,7 +29,7 @@ from ..geometry.mesh import PosedMesh, Topology
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.topology import Skinning, topology_of
 from ..image.crop import Crop, crop_of
-from ..light.fineness import MOVING, WHOLE
+from ..light.quality import FINAL, PREVIEW
 from ..records.errors import LiveHandError
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
@@ -80,7 +80,8 @@ class Pipeline:
         if crop is None:
             return None
         camera = camera_tensors(crop.camera_of(shot.camera), self.device)
-        return PosedShot(shot, crop, HandInView(mesh, topology, camera, fineness=MOVING if shot.is_moving else WHOLE))
+        light_quality = PREVIEW if shot.quality == "preview" else FINAL
+        return PosedShot(shot, crop, HandInView(mesh, topology, camera, light_quality=light_quality))
 
     def mesh(self, shot: Shot) -> PosedMesh:
         """Return the shot's mesh with its normals."""
@@ -117,7 +118,7 @@ class Pipeline:
 
     def precision_of(self, shot: Shot) -> Precision:
         """Return the precision of the networks that a shot needs."""
-        return "bf16" if shot.is_moving else self.precision
+        return "bf16" if shot.quality == "preview" else self.precision
 
     @cached_property
     def field(self) -> MlpField | PlaneField:

@@ -92,9 +92,9 @@ class SurfacePoser:
     def posed(self, shot: Shot, hand: HandInView) -> SurfaceInView:
         """Return the surface of a shot: of what moves, in fewer faces if the view allows it, and without hairs."""
         levels = self.levels(shot.pose.side)
-        template = levels.seen_in(hand) if shot.is_moving else levels.finest
+        template = levels.seen_in(hand) if shot.quality == "preview" else levels.finest
         surface = self.in_view(shot.pose, hand, template)
-        if shot.hair == 0 or shot.is_moving:
+        if shot.hair == 0 or shot.quality == "preview":
             return surface
         return surface._replace(hairs=PosedHairs.of(self.hairs.first(shot.hair), surface.mesh, self.skin.hair_albedo))
 

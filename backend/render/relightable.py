@@ -9,17 +9,23 @@
 
 The G-buffer comes before the light: a lamp that moves costs its shadow maps and one product.
 
-Training (`training.step`) takes the same stages with a loss at its end. What frames have and training has not is in
-this module alone, each for a reason; the effect of none of it on training has been measured in dB:
+Training (`training.step`) takes the same stages with a loss at its end. It differs in what follows, and each difference
+is explicit: in this module's calls, or an argument of the stage that is named. What each costs or gains in dB has not
+been measured; both ways are as they were when the shipped avatars were trained.
 
-- rays that are added and filled where the field is clear (`surface.clear_rays`): training would learn from inventions;
-- the opacity of the rays in the choice of the surface that they show (`primary_hits`): training keeps its shadows;
-- the depth of the avatar's surface, not of the mesh, in the choice of the rays that light a pixel;
-- the field met on the moved mesh (`surface.fine_mesh.on_surface`): training moves the shell that it traces alone;
-- light smoothed over neighbouring rays, as the picture shows the steps between rays and the loss averages over them;
-- the skin's albedo at each vertex where it lights itself, which needs a field that is already trained: training takes
-  the mean of what its view shows;
-- fewer samples of soft lamps where the skin lights itself: training takes few everywhere.
+- Frames add rays where the field misses the avatar's surface, and fill clear ones (`surface.clear_rays`).
+- Of a ray beside an outline, frames ask its opacity which surface it shows (`shown` of `primary_hits` and of
+  `skin_at_full_size`); training takes the nearer one, for it keeps places and shadows while opacities are learnt.
+- Pixels take light from rays at their own depth (`skin` of `RelightableNetworks.enlarged`): in frames at that of the
+  avatar's surface, in training at that of the mesh.
+- Where the surface stands far off the mesh, both trace the moved mesh (`SurfaceInView.met`), but frames look up the
+  field on it as well, and training on the mesh.
+- Frames smooth light over neighbouring rays (`features` here), training does not (`LightVisibility.features`).
+- Where skin lights itself, frames know its albedo at each vertex (`albedo`), training the mean of what a view shows
+  (`LightVisibility.with_albedo`), as its field changes at every step.
+- Frames that are kept take more samples of soft lamps on the rays than where skin lights itself (`at_probes` of
+  `light_visibility`); training takes the fewer for both.
+- Only frames blend the edges of parts, draw hair and take light that was measured.
 """
 
 from __future__ import annotations
@@ -231,7 +237,7 @@ def _lamp_skins(gbuffer: GBuffer, light: Light) -> LampSkins | None:
     """The skins that cast lamps' shadows; of what moves, the mesh's own faces, with their corners on the surface."""
     if gbuffer.layer is None:
         return None
-    if not gbuffer.shot.is_moving:
+    if gbuffer.shot.quality == "final":
         return gbuffer.layer.hit.lamp_skins(light.penumbra == "fine")
     rough = gbuffer.layer.hit.lamp_skin(gbuffer.met.hand.topology.faces)
     return LampSkins(rough, rough)

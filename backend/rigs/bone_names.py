@@ -92,7 +92,7 @@ class BoneName:
 
 
 def parse_bone_name(name: str) -> BoneName | None:
-    """The parts of a name; None if the bone cannot be a joint of a hand, as a twist, a control or a toe."""
+    """Parse the parts of a name; None if the bone cannot be a joint of a hand, as a twist, a control or a toe."""
     tokens = _tokens(_COPY.sub("", name.rpartition(":")[2]))
     if _EXCLUDED & set(tokens):
         return None
@@ -109,7 +109,7 @@ def parse_bone_name(name: str) -> BoneName | None:
 
 
 def _tokens(name: str) -> list[str]:
-    """Lower-case words and numbers; joined words are split if all of them are known."""
+    """Split into lower-case words and numbers; joined words are split if all of them are known."""
     tokens = []
     for token in _TOKEN.findall(name):
         low = token.lower()
@@ -118,7 +118,7 @@ def _tokens(name: str) -> list[str]:
 
 
 def _finger(tokens: list[str]) -> tuple[str | None, int]:
-    """The finger and the index of its token; `middle` beside another finger is the middle phalanx."""
+    """Find the finger and the index of its token; `middle` beside another finger is the middle phalanx."""
     found = [(token, at) for at, token in enumerate(tokens) if token in _FINGERS]
     if not found:
         return None, -1
@@ -127,7 +127,7 @@ def _finger(tokens: list[str]) -> tuple[str | None, int]:
 
 
 def _position(others: list[str], following: list[str]) -> float | None:
-    """The position along a named finger: from the name of a part, else from the first number or letter that follows."""
+    """Find the position along a named finger: from a part's name, else from the first number or letter that follows."""
     parts = [_PARTS[token] for token in others if token in _PARTS]
     if "in" in others and "hand" in others:  # RightInHandIndex
         return METACARPAL
@@ -139,7 +139,7 @@ def _position(others: list[str], following: list[str]) -> float | None:
 
 
 def _numbered_position(following: list[str]) -> tuple[int | None, float | None]:
-    """Finger number and position: (2, 1) for `finger2-1` and `finger2`, (2, 2) for `finger21`."""
+    """Read finger number and position: (2, 1) for `finger2-1` and `finger2`, (2, 2) for `finger21`."""
     numbers = [token for token in following if token.isdigit()]
     parts = [_PARTS[token] for token in following if token in _PARTS]
     if not numbers or len(numbers[0]) > 2:
@@ -154,5 +154,5 @@ def _numbered_position(following: list[str]) -> tuple[int | None, float | None]:
 
 
 def _extra(tokens: list[str]) -> int:
-    """The number of words that make the name one of another bone than the hand."""
+    """Count the words that make the name one of another bone than the hand."""
     return sum(token in _PARTS or token in ("in", "base") for token in tokens)

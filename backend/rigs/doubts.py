@@ -16,7 +16,7 @@ _AT_BOUND = 0.99
 
 
 def fit_doubts(alignment: RestAlignment) -> list[str]:
-    """Signs that the bones are not a hand's joints, or those of a hand very unlike ours."""
+    """List signs that the bones are not a hand's joints, or those of a hand very unlike ours."""
     found = []
     errors_mm = 1e3 * np.linalg.norm(alignment.joints - alignment.heads, axis=1) / alignment.shape.scale
     known = np.isfinite(errors_mm)
@@ -32,7 +32,7 @@ def fit_doubts(alignment: RestAlignment) -> list[str]:
 
 
 def rest_doubts(alignment: RestAlignment) -> str | None:
-    """All that speaks against the bones of an alignment; None: nothing."""
+    """Join all that speaks against the bones of an alignment; None: nothing."""
     found = fit_doubts(alignment)
     if not SMALLEST_SIZE <= alignment.shape.scale <= LARGEST_SIZE:
         found.append(f"it is {alignment.shape.scale:.3g} times as large as a hand")
@@ -40,7 +40,7 @@ def rest_doubts(alignment: RestAlignment) -> str | None:
 
 
 def motion_doubts(alignment: RestAlignment, motion: HandMotion) -> str | None:
-    """All that speaks against a motion and its alignment; None: nothing."""
+    """Join all that speaks against a motion and its alignment; None: nothing."""
     unnatural = unnatural_joints(alignment.model, motion)
     found = [*([unnatural] if unnatural else []), *fit_doubts(alignment), *_missing(alignment)]
     return "; ".join(found) or None

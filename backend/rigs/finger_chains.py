@@ -20,7 +20,7 @@ class FingerBones(NamedTuple):
 
 
 def finger_of_chain(chain: list[int], heads: np.ndarray, wrist: int | None, is_thumb: bool) -> FingerBones:
-    """The finger of a chain of bones, from geometry alone: the three that lie where the joints of a finger do.
+    """Find the finger of a chain of bones, from geometry alone: the three that lie where the joints of a finger do.
 
     Args:
         chain: indices of bones, from the palm outwards.
@@ -38,7 +38,7 @@ def finger_of_chain(chain: list[int], heads: np.ndarray, wrist: int | None, is_t
 
 
 def _unlikeness(bones: list[int], heads: np.ndarray, is_thumb: bool) -> float:
-    """How much the ratios of the lengths between wrist and joints differ from a finger's."""
+    """Tell how much the ratios of the lengths between wrist and joints differ from a finger's."""
     lengths = np.linalg.norm(np.diff(heads[bones], axis=0), axis=1)
     usual = np.array(_THUMB_MM if is_thumb else _FINGER_MM)[: len(lengths)]
     return float(np.std(np.log(np.maximum(lengths, _SHORTEST * lengths.max(initial=1e-12)) / usual)))

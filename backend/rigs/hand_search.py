@@ -31,7 +31,7 @@ class FoundHand:
 
 
 def find_hands(skeleton: SourceSkeleton) -> list[FoundHand]:
-    """All bones with five chains of at least three bones below them."""
+    """Find all bones with five chains of at least three bones below them."""
     found = []
     for bone in range(len(skeleton.names)):
         below = [_chain(skeleton, child) for child in skeleton.children(bone)]
@@ -42,7 +42,7 @@ def find_hands(skeleton: SourceSkeleton) -> list[FoundHand]:
 
 
 def side_of(heads: np.ndarray) -> Side | None:
-    """The side of joints [16, 3] in MANO's order: from the bend of the fingers, else from the thumb's position.
+    """Tell the side of joints [16, 3] in MANO's order: from the bend of the fingers, else from the thumb's position.
 
     Joints that are not known are NaN; of the wrist and two knuckles all must be.
     """
@@ -80,7 +80,7 @@ def _hand(skeleton: SourceSkeleton, wrist: int, chains: list[list[int]]) -> Foun
 
 
 def _chain(skeleton: SourceSkeleton, bone: int) -> list[int]:
-    """A bone and its descendants along the longest branch; empty if more than one branch is longer than a bone."""
+    """Follow a bone's descendants along the longest branch; empty if more than one branch is longer than a bone."""
     chain = [bone]
     while children := skeleton.children(chain[-1]):
         depths = [_depth(skeleton, child) for child in children]
@@ -96,6 +96,6 @@ def _depth(skeleton: SourceSkeleton, bone: int) -> int:
 
 
 def _bend(joints: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """[3] the difference of directions of a finger's second and first bone, across the hand's length."""
+    """Return the difference [3] of directions of a finger's second and first bone, across the hand's length."""
     first, second = unit(joints[1] - joints[0]), unit(joints[2] - joints[1])
     return second - first - ((second - first) @ along) * along

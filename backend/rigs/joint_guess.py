@@ -50,7 +50,7 @@ class JointGuess:
         return shows_palm(self.bones)
 
     def joint_map(self) -> JointMap:
-        """The joint map; joints that were not found have no bone.
+        """Build the joint map; joints that were not found have no bone.
 
         Raises:
             LiveHandError: no hand was found, or not enough of it.
@@ -81,7 +81,7 @@ def guess_joints(skeleton: SourceSkeleton, side: Side | None = None, is_told: bo
 
 
 def _guess(skeleton: SourceSkeleton, side: Side) -> JointGuess | None:
-    """None if the skeleton has no such hand."""
+    """Guess the joints; None if the skeleton has no such hand."""
     by_names = _by_names(skeleton, side)
     if by_names and not by_names.missing:
         return by_names
@@ -92,7 +92,7 @@ def _guess(skeleton: SourceSkeleton, side: Side) -> JointGuess | None:
 
 
 def _agrees(guess: JointGuess) -> bool:
-    """Whether no bone's name says that it is of another finger, or no joint."""
+    """Tell whether no bone's name says that it is of another finger, or no joint."""
     for joint, bone in enumerate(guess.bones[1:]):
         name = parse_bone_name(bone) if bone else None
         if name and name.finger and (name.finger != MANO_FINGERS[joint // 3] or name.position == TIP):
@@ -115,7 +115,7 @@ def _by_names(skeleton: SourceSkeleton, side: Side, is_told: bool = False) -> Jo
 
 
 def _sides(skeleton: SourceSkeleton, names: list[BoneName | None]) -> list[Side | None]:
-    """Per bone; a name without a side takes that of its parent."""
+    """Read the side per bone; a name without a side takes that of its parent."""
     sides: list[Side | None] = []
     for name, parent in zip(names, skeleton.parents, strict=True):
         above = sides[parent] if parent >= 0 else None
@@ -124,7 +124,7 @@ def _sides(skeleton: SourceSkeleton, names: list[BoneName | None]) -> list[Side 
 
 
 def _may_be(skeleton: SourceSkeleton, guess: JointGuess, side: Side) -> bool:
-    """Whether a hand whose names have no side may be of this side."""
+    """Tell whether a hand whose names have no side may be of this side."""
     if not guess.is_hand:
         return len(guess.missing) < 15 and side == "right"
     heads = np.array([skeleton.heads[skeleton.index(bone)] if bone else np.full(3, np.nan) for bone in guess.bones])
@@ -142,7 +142,7 @@ def _named_hand(skeleton: SourceSkeleton, names: dict[int, BoneName], side: Side
 
 
 def _bones_of_fingers(names: dict[int, BoneName]) -> dict[str, list[int]]:
-    """The bones of each finger, named or numbered. Numbers begin at the thumb unless bones are named after it."""
+    """Find the bones of each finger, named or numbered. Numbers begin at the thumb unless bones are named after it."""
     fingers = {finger: [k for k, name in names.items() if name.finger == finger] for finger in MANO_FINGERS}
     numbers = sorted({name.finger_number for name in names.values() if name.finger_number is not None})
     order = ("thumb", "index", "middle", "ring", "pinky")[bool(fingers["thumb"]) :]
@@ -173,7 +173,7 @@ def _finger(skeleton: SourceSkeleton, names: dict[int, BoneName], wrist: int | N
 
 
 def _one_chain(skeleton: SourceSkeleton, bones: list[int]) -> list[int]:
-    """Bones in the order of the hierarchy, as far as each is above the next."""
+    """Order bones as the hierarchy does, as far as each is above the next."""
     chain: list[int] = []
     for bone in sorted(bones, key=lambda bone: len(skeleton.ancestors(bone))):
         if not chain or chain[-1] in skeleton.ancestors(bone):
@@ -182,7 +182,7 @@ def _one_chain(skeleton: SourceSkeleton, bones: list[int]) -> list[int]:
 
 
 def _at_positions(best: dict[float, int]) -> tuple[int | None, int | None, int | None]:
-    """At most three bones at their own positions, so that gaps are kept."""
+    """Put at most three bones at their own positions, so that gaps are kept."""
     if INTERPHALANGEAL in best:  # the thumb's last joint, after MCP
         return best.get(METACARPAL), best.get(1.0), best[INTERPHALANGEAL]
     first = 0.0 if 0.0 in best else 1.0
@@ -191,7 +191,7 @@ def _at_positions(best: dict[float, int]) -> tuple[int | None, int | None, int |
 
 
 def _wrist(skeleton: SourceSkeleton, names: dict[int, BoneName], fingers: list[list[int]]) -> int | None:
-    """The lowest common ancestor of the fingers that is named after the hand, else the lowest of all."""
+    """Find the lowest common ancestor of the fingers that is named after the hand, else the lowest of all."""
     hands = [bone for bone, name in names.items() if name.is_hand]
     if not fingers:
         return min(hands, key=lambda bone: len(skeleton.names[bone]), default=None)
@@ -209,7 +209,7 @@ def _wrist(skeleton: SourceSkeleton, names: dict[int, BoneName], fingers: list[l
 
 
 def _side_at(skeleton: SourceSkeleton, hand: FoundHand) -> Side | None:
-    """The side in the names of the hand's bone and those above, else that of its shape."""
+    """Read the side in the names of the hand's bone and those above, else in its shape."""
     for bone in (hand.wrist, *skeleton.ancestors(hand.wrist)):
         name = parse_bone_name(skeleton.names[bone])
         if name and name.side:
@@ -226,7 +226,7 @@ def _guess_of(skeleton: SourceSkeleton, wrist: int | None, fingers: Sequence[Fin
 
 
 def _forearm(skeleton: SourceSkeleton, wrist: int | None, fingers: list[int]) -> str | None:
-    """The nearest bone above the wrist that begins as far behind it as a forearm's or its twisting part's."""
+    """Find the nearest bone above the wrist that begins as far behind it as a forearm's or its twisting part's."""
     if wrist is None or not fingers:
         return None
     hand = skeleton.heads[fingers].mean(0) - skeleton.heads[wrist]
@@ -241,7 +241,7 @@ def _forearm(skeleton: SourceSkeleton, wrist: int | None, fingers: list[int]) ->
 
 
 def _ends_finger(skeleton: SourceSkeleton, finger: FingerBones) -> bool:
-    """Whether the bone that is named a tip lies where one can: some rigs leave theirs at the palm."""
+    """Tell whether the bone that is named a tip lies where one can: some rigs leave theirs at the palm."""
     before, last, tip = finger.joints[1], finger.joints[2], finger.tip
     if before is None or last is None or tip is None:
         return tip is not None

@@ -20,7 +20,7 @@ _LESS = 0.5  # of the excess, at which another reading of the motion is better
 
 
 def excess_rad(model: HandModel, theta: np.ndarray) -> np.ndarray:
-    """[T, 15] how far each finger joint of poses theta [T, 16, 3] is beyond its limits, by its worst angle."""
+    """Compute [T, 15] how far each finger joint of poses theta [T, 16, 3] is beyond its limits, by its worst angle."""
     right = theta if model.side == "right" else theta * MIRROR_AXIS_ANGLE
     axes = HandSkeleton.of(model).axes.reshape(15, 3, 3)
     frames = np.stack([axes[:, 0], axes[:, 2], -axes[:, 1]], -1)  # columns: flexion axis, bone, palm
@@ -33,19 +33,19 @@ def excess_rad(model: HandModel, theta: np.ndarray) -> np.ndarray:
 
 
 def rest_pose(alignment: RestAlignment) -> HandMotion:
-    """The pose that our hand has where the other rig is at rest, as a motion of one frame without a place."""
+    """Find the pose that our hand has where the other rig is at rest, as a motion of one frame without a place."""
     theta = local_theta(alignment.rotations[None])
     return HandMotion(theta, alignment.shape.beta, np.zeros((1, 3)), None, alignment.model.side)
 
 
 def local_theta(rotations: np.ndarray) -> np.ndarray:
-    """Theta [T, 16, 3] of the joints' rotations in the world [T, 16, 3, 3]."""
+    """Compute theta [T, 16, 3] of the joints' rotations in the world [T, 16, 3, 3]."""
     above = np.concatenate([np.tile(np.eye(3), (len(rotations), 1, 1, 1)), rotations[:, list(PARENTS[1:])]], 1)
     return matrix_to_axis_angle(above.swapaxes(2, 3) @ rotations)
 
 
 def unnatural_joints(model: HandModel, motion: HandMotion) -> str | None:
-    """The joints that a motion bends beyond what a hand can do, in words; None if there are none."""
+    """Word which joints a motion bends beyond what a hand can do; None if there are none."""
     excess = excess_rad(model.for_side(motion.side), motion.theta)
     is_beyond = _is_beyond(excess)
     if not is_beyond.any():
@@ -55,7 +55,7 @@ def unnatural_joints(model: HandModel, motion: HandMotion) -> str | None:
 
 
 def more_natural(model: HandModel, motion: HandMotion, other: Callable[[], HandMotion]) -> HandMotion:
-    """A motion, or the other one if the first is beyond a hand's limits and the other far less so."""
+    """Choose a motion, or the other one if the first is beyond a hand's limits and the other far less so."""
     excess = excess_rad(model, motion.theta)
     if not _is_beyond(excess).any():
         return motion
@@ -64,12 +64,12 @@ def more_natural(model: HandModel, motion: HandMotion, other: Callable[[], HandM
 
 
 def _is_beyond(excess: np.ndarray) -> np.ndarray:
-    """[15] bool: joints that are clearly beyond their limits in more than a few frames."""
+    """Return [15] bool: joints that are clearly beyond their limits in more than a few frames."""
     return (excess > _UNNATURAL_RAD).mean(0) > _SOME_FRAMES
 
 
 def _limits_rad() -> np.ndarray:
-    """[15, 3, 2] smallest and largest flexion, abduction and twist."""
+    """Return [15, 3, 2] smallest and largest flexion, abduction and twist."""
     limits = np.tile([-_HINGE_RAD, _HINGE_RAD], (45, 1))
     limits[FREE] = LIMITS
     return limits.reshape(15, 3, 2)

@@ -86,7 +86,7 @@ class HandAtRest(NamedTuple):
 
     @classmethod
     def of(cls, model: HandModel, shape: HandShape) -> HandAtRest:
-        """In the template's frame, at the shape's scale."""
+        """Measure in the template's frame, at the shape's scale."""
         return cls(shape.scale * rest_nodes(model, shape.beta), _flexion_axes(model))
 
 
@@ -116,7 +116,7 @@ def align(
 def _forearm(
     skeleton: SourceSkeleton, joint_map: JointMap, model: HandModel, palm: np.ndarray
 ) -> AlignedForearm | None:
-    """The forearms, the hand being turned by palm [3, 3]."""
+    """Align the forearms, the hand being turned by palm [3, 3]."""
     if joint_map.forearm is None or not model.has_arm:
         return None
     elbow = _head(skeleton, joint_map.forearm) - _head(skeleton, joint_map.bones[0])
@@ -128,7 +128,7 @@ def _forearm(
 
 
 def completed_joints(alignment: RestAlignment) -> np.ndarray:
-    """[16, 3] m: the rig's joints; those that it lacks continue its fingers as the aligned hand's do."""
+    """Return [16, 3] m: the rig's joints; those that it lacks continue its fingers as the aligned hand's do."""
     joints, own = alignment.heads.copy(), alignment.joints
     for joint in range(1, 16):
         if np.isnan(joints[joint, 0]):
@@ -137,7 +137,7 @@ def completed_joints(alignment: RestAlignment) -> np.ndarray:
 
 
 def place_hand(hand: HandAtRest, rig_nodes: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rotations [16, 3, 3] of the joints, and the wrist's place [3] m, with which a hand has the pose of another.
+    """Find the joints' rotations [16, 3, 3] and the wrist's place [3] m with which a hand has the pose of another.
 
     Args:
         hand: at rest.
@@ -160,7 +160,7 @@ def place_hand(hand: HandAtRest, rig_nodes: np.ndarray, ends: np.ndarray) -> tup
 
 
 def source_ends(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray:
-    """[5, 3] m: the tails of the last bones that each finger has; NaN for a finger without bones."""
+    """Compute [5, 3] m: the tails of the last bones that each finger has; NaN for a finger without bones."""
     ends = np.full((5, 3), np.nan)
     for finger in range(5):
         bones = [bone for bone in joint_map.bones[3 * finger + 1 : 3 * finger + 4] if bone]
@@ -170,7 +170,7 @@ def source_ends(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray:
 
 
 def source_nodes(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray:
-    """[21, 3] m the wrist, and each finger's three joints and tip; NaN for those without a bone.
+    """Return [21, 3] m the wrist, and each finger's three joints and tip; NaN for those without a bone.
 
     Raises:
         LiveHandError: a bone is missing, or joints of one finger coincide.
@@ -193,7 +193,7 @@ def _head(skeleton: SourceSkeleton, bone: str | None) -> np.ndarray:
 
 
 def _with_gaps_filled(nodes: np.ndarray, template: np.ndarray) -> np.ndarray:
-    """Nodes [21, 3] with those that lie between two known ones of a finger set on the line between them."""
+    """Set missing nodes of [21, 3] that lie between two known ones of a finger on the line between them."""
     nodes = nodes.copy()
     for finger in range(5):
         rows = slice(4 * finger + 1, 4 * finger + 5)
@@ -207,12 +207,12 @@ def _with_gaps_filled(nodes: np.ndarray, template: np.ndarray) -> np.ndarray:
 
 
 def _rotation_between(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """[3, 3] the rotation that best aligns points [N, 3] with others, about their centres."""
+    """Compute the rotation [3, 3] that best aligns points [N, 3] with others, about their centres."""
     return rotation_between(points - points.mean(0), others - others.mean(0))
 
 
 def _same_shape(model: HandModel, rig_nodes: np.ndarray) -> HandShape | None:
-    """The mean shape, if its joints coincide with the rig's at some scale; tips differ between rigs and are ignored."""
+    """Return the mean shape, if its joints coincide with the rig's at some scale; tips differ between rigs."""
     rows = _JOINTS[np.isfinite(rig_nodes[_JOINTS]).all(1)]
     own, other = rest_nodes(model, np.zeros(10))[rows], rig_nodes[rows]
     scale = float(np.linalg.norm(other - other.mean(0)) / np.linalg.norm(own - own.mean(0)))
@@ -221,14 +221,14 @@ def _same_shape(model: HandModel, rig_nodes: np.ndarray) -> HandShape | None:
 
 
 def _coincide(model_nodes: np.ndarray, rig_nodes: np.ndarray, rotation: np.ndarray) -> bool:
-    """Whether the joints [N, 3], of which the first is the wrist, rigidly moved lie on the rig's."""
+    """Tell whether the joints [N, 3], of which the first is the wrist, rigidly moved lie on the rig's."""
     own, other = model_nodes - model_nodes.mean(0), rig_nodes - rig_nodes.mean(0)
     error = np.linalg.norm(own @ rotation.T - other, axis=1).max()
     return bool(error < _SAME_POSITION * np.median(np.linalg.norm(rig_nodes[1:] - rig_nodes[0], axis=1)))
 
 
 def _directions(nodes: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """[5, 3, 3] unit directions of every finger's three bones, NaN where there is none.
+    """Compute [5, 3, 3] unit directions of every finger's three bones, NaN where there is none.
 
     Without a tip, the last bone's is that of its tail (ends [5, 3]) if it continues the finger, else that of the bone
     before.
@@ -249,7 +249,7 @@ def _bones(nodes: np.ndarray, finger: int) -> np.ndarray:
 
 
 def _flexion_axes(model: HandModel) -> list[np.ndarray | None]:
-    """[3] unit flexion axis of every finger's knuckle in the template's frame, None for the thumb."""
+    """Compute [3] unit flexion axis of every finger's knuckle in the template's frame, None for the thumb."""
     axes = HandSkeleton.of(model).axes[:4, 0, 0]
     # A mirrored axis of rotation changes its sign as well.
     return [*(axes if model.side == "right" else -axes * MIRROR_POINT), None]
@@ -258,7 +258,7 @@ def _flexion_axes(model: HandModel) -> list[np.ndarray | None]:
 def _finger_rotations(
     palm: np.ndarray, model_bones: np.ndarray, rig_bones: np.ndarray, axis: np.ndarray | None
 ) -> list[np.ndarray]:
-    """Three [3, 3] that rotate the model's bones [3, 3] of a finger at rest onto the directions [3, 3] of the rig's.
+    """Rotate the model's bones [3, 3] of a finger at rest onto the rig's directions [3, 3]: three [3, 3].
 
     A bone whose direction is NaN stays at rest. Without a flexion axis [3], as for the thumb, which rotates at its root
     as well, the roll is not corrected.
@@ -277,7 +277,7 @@ def _finger_rotations(
 
 
 def _bend_axis(directions: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """[3] the flexion axis of a finger from its bend at rest, blended with the guess the straighter the finger is."""
+    """Blend a finger's flexion axis [3] from its bend at rest with the guess, the straighter the finger is."""
     normal = np.cross(directions[0], directions[1])
     bend = float(np.linalg.norm(normal))
     if bend < np.sin(_STRAIGHT) or abs(normal @ guess) < _MIN_AGREEMENT * bend:
@@ -300,6 +300,6 @@ def _perpendicular(direction: np.ndarray) -> np.ndarray:
 
 
 def _angle_about(axis: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
-    """The angle about an axis from one vector to another, both projected across it."""
+    """Measure the angle about an axis from one vector to another, both projected across it."""
     start, end = start - (start @ axis) * axis, end - (end @ axis) * axis
     return float(np.arctan2(np.cross(start, end) @ axis, start @ end))

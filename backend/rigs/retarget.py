@@ -60,14 +60,14 @@ class SourceMotion:
             raise LiveHandError("the other rig's pose must be finite, got NaN or infinity; repair its animation")
 
     def scaled(self, factor: float) -> SourceMotion:
-        """The same motion in another unit."""
+        """Scale the motion to another unit."""
         nodes = None if self.nodes is None else self.nodes * factor
         ends = None if self.ends is None else self.ends * factor
         return replace(self, wrists=self.wrists * factor, nodes=nodes, ends=ends)
 
 
 def retarget(source: SourceMotion, alignment: RestAlignment) -> HandMotion:
-    """The motion in Blender's world of a hand of the alignment's shape; the object carries the shape's scale."""
+    """Compute the motion in Blender's world of a hand of the alignment's shape; the object carries its scale."""
     since_rest = source.frames @ alignment.frames.swapaxes(1, 2)  # rotations in the world
     wrists = source.wrists + since_rest[:, 0] @ (alignment.wrist - alignment.heads[0])
     motion = _motion(source, alignment, since_rest @ alignment.rotations, wrists)
@@ -78,7 +78,7 @@ def retarget(source: SourceMotion, alignment: RestAlignment) -> HandMotion:
 
 
 def _by_places(source: SourceMotion, nodes: np.ndarray, ends: np.ndarray, alignment: RestAlignment) -> HandMotion:
-    """The motion from the joints' places alone."""
+    """Compute the motion from the joints' places alone."""
     nodes = _with_tips(nodes, ends)
     hand = HandAtRest.of(alignment.model, alignment.shape)
     placed = [place_hand(hand, *pose) for pose in zip(nodes, ends, strict=True)]
@@ -87,7 +87,7 @@ def _by_places(source: SourceMotion, nodes: np.ndarray, ends: np.ndarray, alignm
 
 
 def _with_tips(nodes: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Nodes [T, 21, 3] with the last bones' ends [T, 5, 3] as missing tips, where they mostly continue the fingers."""
+    """Set the last bones' ends [T, 5, 3] as missing tips of nodes [T, 21, 3], where they mostly continue fingers."""
     nodes = nodes.copy()
     for finger in np.flatnonzero(np.isnan(nodes[0, 4::4, 0])):
         before, last = nodes[:, 4 * finger + 2], nodes[:, 4 * finger + 3]
@@ -104,7 +104,7 @@ def _motion(source: SourceMotion, alignment: RestAlignment, rotations: np.ndarra
 
 
 def _forearms(source: SourceMotion, alignment: RestAlignment, hands: np.ndarray) -> np.ndarray:
-    """[T, 3] axis-angle, rad, of the forearm against the hand, which is turned by hands [T, 3, 3] in the world.
+    """Compute [T, 3] axis-angle, rad, of the forearm against the hand, which is turned by hands [T, 3, 3] in the world.
 
     Without a forearm, [3] zeros.
     """

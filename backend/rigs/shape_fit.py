@@ -38,7 +38,7 @@ class HandShape(NamedTuple):
 
 
 def rest_nodes(model: HandModel, beta: np.ndarray) -> np.ndarray:
-    """[21, 3] m the nodes of a shape at rest in the template's frame."""
+    """Return [21, 3] m the nodes of a shape at rest in the template's frame."""
     skeleton = HandSkeleton.of(model)
     nodes = skeleton.rest + skeleton.shape @ beta
     return nodes if model.side == "right" else nodes * MIRROR_POINT
@@ -59,7 +59,7 @@ def fit_shape(model: HandModel, nodes: np.ndarray) -> HandShape:
 
 
 def _fit(skeleton: HandSkeleton, wanted: np.ndarray, prior: float) -> HandShape:
-    """The shape whose lengths are nearest to those wanted [P], NaN for unknown ones."""
+    """Fit the shape whose lengths are nearest to those wanted [P], NaN for unknown ones."""
     known = np.isfinite(wanted)
     weights = _WEIGHTS[known]
     wanted = wanted[known] * weights
@@ -81,7 +81,7 @@ def _fit(skeleton: HandSkeleton, wanted: np.ndarray, prior: float) -> HandShape:
 
 
 def _bounded_solution(matrix: np.ndarray, right: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """The x within +-`MOST_BETA` that minimises x.matrix.x / 2 - right.x (Gauss-Seidel with projection)."""
+    """Minimise x.matrix.x / 2 - right.x for x within +-`MOST_BETA` (Gauss-Seidel with projection)."""
     x = np.clip(start, -MOST_BETA, MOST_BETA)
     for _ in range(_SWEEPS):
         for k in range(len(x)):

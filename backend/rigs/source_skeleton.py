@@ -33,7 +33,7 @@ class SourceSkeleton:
     frames: np.ndarray
 
     def index(self, name: str) -> int:
-        """The index of the bone with this name.
+        """Find the index of the bone with this name.
 
         Raises:
             LiveHandError: there is none.
@@ -43,11 +43,11 @@ class SourceSkeleton:
         return self.names.index(name)
 
     def children(self, bone: int) -> list[int]:
-        """The children of a bone."""
+        """List the children of a bone."""
         return [child for child, parent in enumerate(self.parents) if parent == bone]
 
     def ancestors(self, bone: int) -> list[int]:
-        """The bones above one, from its parent to the root."""
+        """List the bones above one, from its parent to the root."""
         above = []
         while (bone := self.parents[bone]) >= 0:
             above.append(bone)
@@ -107,15 +107,15 @@ class JointMap:
 
 
 def joints_without_bones(bones: Sequence[str | None]) -> tuple[str, ...]:
-    """The names of the joints whose bone [16] is None or empty."""
+    """List the names of the joints whose bone [16] is None or empty."""
     return tuple(joint for joint, bone in zip(JOINT_NAMES, bones, strict=True) if not bone)
 
 
 def shows_palm(bones: Sequence[str | None]) -> bool:
-    """Whether enough of the bones [16] are known to place the palm: the wrist and two knuckles."""
+    """Tell whether enough of the bones [16] are known to place the palm: the wrist and two knuckles."""
     return bool(bones[0]) and sum(bool(bones[knuckle]) for knuckle in _KNUCKLES) >= 2
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors [..., 3] at length 1; vectors shorter than 1e-12 stay near zero."""
+    """Scale vectors [..., 3] to length 1; vectors shorter than 1e-12 stay near zero."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

@@ -74,7 +74,7 @@ class Profile:
     palmar_depth: tuple[float, ...]
 
     def scaled(self, factor: float) -> Profile:
-        """The profile of a digit `factor` times as thick."""
+        """Scale the profile of a digit to be `factor` times as thick."""
         rows = (self.half_breadth, self.dorsal_depth, self.palmar_depth)
         return Profile(*(tuple(value * factor for value in row) for row in rows))
 
@@ -120,7 +120,7 @@ _THUMB_PROFILE = Profile(
 
 
 def profile(digit: str) -> Profile:
-    """The cross-sections of a digit."""
+    """Look up the cross-sections of a digit."""
     if digit == "thumb":
         return _THUMB_PROFILE
     return _INDEX_PROFILE.scaled(FINGER_THICKNESS[digit])

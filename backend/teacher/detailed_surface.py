@@ -69,7 +69,7 @@ class DetailedSurface:
         return RaisedSkin(self.forms, self.masks["vein"], self.flex_axis)
 
     def relief_m(self, theta: np.ndarray, veins_mm: float = 0.0, forearm: np.ndarray | None = None) -> np.ndarray:
-        """[N, 3] offsets at rest, m, of what the pose theta [16, 3] rad raises, and of veins of this height.
+        """Compute [N, 3] offsets at rest, m, of what the pose theta [16, 3] rad raises, and of veins of this height.
 
         `forearm` as in `HandPose`.
         """
@@ -77,7 +77,7 @@ class DetailedSurface:
 
 
 def detailed_surface(model: HandModel, levels: int = 3) -> DetailedSurface:
-    """A built-in hand with its creases, folds and nails; about 20 s at three levels on two cores.
+    """Build a built-in hand with its creases, folds and nails; about 20 s at three levels on two cores.
 
     Raises:
         LiveHandError: the model is not a built-in right hand, or scipy is missing.

@@ -32,7 +32,7 @@ class NailCoordinates(NamedTuple):
 
 
 def nail_coordinates(ray: Ray, at: RayCoordinates, section: Section) -> NailCoordinates:
-    """The nail coordinates of points, seen from the back of the digit."""
+    """Compute the nail coordinates of points, seen from the back of the digit."""
     length = ray.bones.distal * (0.66 if ray.is_thumb else 0.70)
     end = ray.length - 1.6
     start = end - length
@@ -43,7 +43,7 @@ def nail_coordinates(ray: Ray, at: RayCoordinates, section: Section) -> NailCoor
 
 
 def detail_offset(rays: dict[str, Ray], at: dict[str, RayCoordinates]) -> np.ndarray:
-    """[N] offset of the hand's signed distance at points with ray coordinates `at`."""
+    """Compute [N] offset of the hand's signed distance at points with ray coordinates `at`."""
     offset = np.zeros_like(at["index"].along)
     for digit, ray in rays.items():
         section = ray.section(at[digit].along)
@@ -54,13 +54,13 @@ def detail_offset(rays: dict[str, Ray], at: dict[str, RayCoordinates]) -> np.nda
 
 
 def _nearness(at: RayCoordinates, section: Section) -> np.ndarray:
-    """1 on the digit's own surface, 0 where it is 35 % of the section away from it."""
+    """Fade from 1 on the digit's own surface to 0 where it is 35 % of the section away from it."""
     size = np.hypot(at.lateral / section.half_breadth, at.dorsal / section.depth(at.dorsal))
     return np.clip(1 - np.abs(size - 1) / 0.35, 0, 1)
 
 
 def _joint_relief(ray: Ray, at: RayCoordinates, section: Section) -> np.ndarray:
-    """Palmar creases of the joints past the first, and the swelling on their back."""
+    """Sink palmar creases of the joints past the first, and swell their back."""
     palmar = smoothstep(-at.dorsal / section.palmar_depth, 0.0, 0.45)
     dorsal = smoothstep(at.dorsal / section.dorsal_depth, 0.15, 0.6)
     relief = np.zeros_like(at.along)
@@ -78,7 +78,7 @@ def _joint_relief(ray: Ray, at: RayCoordinates, section: Section) -> np.ndarray:
 
 
 def _nail_relief(ray: Ray, at: RayCoordinates, section: Section) -> np.ndarray:
-    """A plate that is more curved across than the digit and rises towards its free end, and the flesh around it."""
+    """Raise a plate, more curved across than the digit and rising towards its free end, and the flesh around it."""
     nail = nail_coordinates(ray, at, section)
     plate = smoothstep(nail.rim, 1.12, 0.92)
     rise = 0.5 * smoothstep(nail.along, -1.1, -0.3) + 0.2 * smoothstep(nail.along, 0.3, 1.0)

@@ -45,7 +45,7 @@ _CUT_ROUNDING, _END_ROUNDING = 5.0, 40.0  # mm
 
 
 def with_forearm(palm: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """The distance [N] to the palm, with an endless forearm beyond the wrist instead of the palm's own."""
+    """Join the distance [N] to the palm with an endless forearm beyond the wrist instead of the palm's own."""
     share = smoothstep(-points[:, 0], ARM_FROM_MM, ARM_FROM_MM + _BLEND_MM)
     near = share > 0
     joined = palm.copy()
@@ -54,18 +54,18 @@ def with_forearm(palm: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def cut_off(distance: np.ndarray, points: np.ndarray, forearm_mm: float) -> np.ndarray:
-    """The distance [N] of what lies within `forearm_mm` of the wrist; a forearm ends rounder than the stump."""
+    """Cut the distance [N] to what lies within `forearm_mm` of the wrist; a forearm ends rounder than the stump."""
     rounding = _CUT_ROUNDING if forearm_mm <= STUMP_MM else _END_ROUNDING
     return smooth_max(distance, -forearm_mm - points[:, 0], rounding)
 
 
 def arm_weights(vertices: np.ndarray, wrist_weights: np.ndarray) -> np.ndarray:
-    """[V] as in `HandModel`, of vertices [V, 3] (build frame) with these weights [V] of joint 0."""
+    """Compute [V] as in `HandModel`, of vertices [V, 3] (build frame) with these weights [V] of joint 0."""
     return wrist_weights * smoothstep(vertices[:, 0], -_BEND_MM, _BEND_MM)
 
 
 def squeezed_for_atlas(vertices: np.ndarray) -> np.ndarray:
-    """Vertices [V, 3] (build frame), with the forearm at half its size, so that the atlas gives it less room."""
+    """Shrink the forearm of vertices [V, 3] (build frame) to half its size, so that the atlas gives it less room."""
     beyond = np.maximum(vertices[:, 0] - ARM_FROM_MM, 0)
     places = np.linspace(0, FOREARM_MM, 512)
     scale = 1 - (1 - _ATLAS_SCALE) * smoothstep(places, 0, _ATLAS_BLEND_MM)

@@ -13,7 +13,7 @@ _MM = 1e-3
 
 
 def swap_distal(vectors: np.ndarray) -> np.ndarray:
-    """Points or directions [..., 3], from the anatomical to the build frame or back."""
+    """Turn points or directions [..., 3] from the anatomical to the build frame or back."""
     return vectors * _SWAP
 
 
@@ -23,5 +23,5 @@ def build_to_template(points: np.ndarray) -> np.ndarray:
 
 
 def template_to_build(points_m: np.ndarray) -> np.ndarray:
-    """Template [..., 3] m -> build frame [..., 3] mm."""
+    """Convert the template [..., 3] m to the build frame [..., 3] mm."""
     return points_m / _MM - _TEMPLATE_OFFSET

@@ -40,13 +40,13 @@ def subdivide(faces: np.ndarray, uv: np.ndarray, vertex_count: int, levels: int)
 
 
 def neighbour_mean(faces: np.ndarray, vertex_count: int) -> sparse.csr_array:
-    """[N, N] matrix that replaces every vertex by the mean of its neighbours."""
+    """Compute [N, N] matrix that replaces every vertex by the mean of its neighbours."""
     adjacent = _adjacency(half_edges(faces), vertex_count)
     adjacent.data[:] = 1.0  # each edge was counted once per face and direction
     return sparse.csr_array(sparse.diags_array(1 / adjacent.sum(1)) @ adjacent)
 
 
 def _adjacency(edges: np.ndarray, vertex_count: int) -> sparse.csr_array:
-    """[V, V] symmetric, the number of times each edge of [E, 2] occurs."""
+    """Count how often each edge of [E, 2] occurs: [V, V], symmetric."""
     both = np.vstack([edges, edges[:, ::-1]])
     return sparse.csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(vertex_count, vertex_count))

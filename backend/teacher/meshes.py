@@ -18,12 +18,12 @@ class QuadMesh(NamedTuple):
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """[N, 3] unit, angle-weighted."""
+    """Compute unit normals [N, 3], angle-weighted."""
     return np.array(trimesh.Trimesh(vertices, faces, process=False).vertex_normals)
 
 
 def outward(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """The faces, flipped if they enclose a negative volume.
+    """Flip the faces if they enclose a negative volume.
 
     Raises:
         LiveHandError: the mesh is not a closed surface of genus 0.

@@ -33,7 +33,7 @@ _EXPONENT = 2.5
 
 
 def palm_distance(points: np.ndarray) -> np.ndarray:
-    """Signed distance [N] of points [N, 3] to the palm and an endless forearm, without digits."""
+    """Compute signed distance [N] of points [N, 3] to the palm and an endless forearm, without digits."""
     d, h, r = points.T
     slant = PchipInterpolator(_SLANT[:, 0], _SLANT[:, 1])(np.clip(r, -45, 45))
     along = d - slant * smoothstep(d, 20, 80)

@@ -77,7 +77,7 @@ INNER_VEINS = (
 
 
 def line_mask(line: SkinLine, points: np.ndarray) -> np.ndarray:
-    """[N] in [0, strength]: mask of the line at points [N, 3] of any height (anatomical frame)."""
+    """Return [N] in [0, strength]: mask of the line at points [N, 3] of any height (anatomical frame)."""
     samples = _samples(line)
     distance, nearest = KDTree(samples).query(points[:, [0, 2]])
     to_end = np.minimum(nearest, len(samples) - 1 - nearest)
@@ -85,7 +85,7 @@ def line_mask(line: SkinLine, points: np.ndarray) -> np.ndarray:
 
 
 def _samples(line: SkinLine) -> np.ndarray:
-    """[P, 2] on a cubic spline through the line's points, moved sideways by a sum of three waves."""
+    """Return [P, 2] on a cubic spline through the line's points, moved sideways by a sum of three waves."""
     knots = np.array(line.points, dtype=float)
     lengths = np.r_[0, np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))]
     places = np.arange(0, lengths[-1], _STEP)

@@ -56,7 +56,7 @@ class _DigitView:
 
 
 def pose_forms(rays: dict[str, Ray], points: np.ndarray) -> tuple[PoseForm, ...]:
-    """The forms of the surface's vertices [N, 3] (anatomical frame, mm)."""
+    """Make the forms of the surface's vertices [N, 3] (anatomical frame, mm)."""
     forms: list[PoseForm] = []
     for order, digit in enumerate(DIGITS):
         view = _DigitView.of(order, rays[digit], points)
@@ -91,7 +91,7 @@ def _thumb_forms(view: _DigitView) -> list[PoseForm]:
 
 
 def _flexor_tendons(points: np.ndarray) -> np.ndarray:
-    """The two that stand out at the palmar side of a bent wrist, and the hollow between them."""
+    """Raise the two tendons at the palmar side of a bent wrist, and the hollow between them."""
     d, h, r = points.T
     length = smoothstep(d, 8, -8) * smoothstep(d, -105, -45) * smoothstep(-h, 7, 14)
     apart, middle = np.interp(d, [-90, 0], [3.0, 4.6]), np.interp(d, [-90, 0], [1.0, 3.5])
@@ -100,7 +100,7 @@ def _flexor_tendons(points: np.ndarray) -> np.ndarray:
 
 
 def _knuckle(view: _DigitView) -> np.ndarray:
-    """The metacarpal's head as a knob under the tendon that crosses it, and a hollow on both of its sides."""
+    """Raise the metacarpal's head as a knob under the tendon that crosses it, and a hollow on both of its sides."""
     along, lateral, thickness = view.at.along, view.at.lateral, view.thickness
     knob = 2.8 * bump(along - 1.5, 3.8 * thickness) * bump(lateral, 3.4 * thickness)
     tendon = 0.45 * bump(along + 3, 6.5) * bump(lateral, 1.2)
@@ -110,7 +110,7 @@ def _knuckle(view: _DigitView) -> np.ndarray:
 
 
 def _extensor_tendon(view: _DigitView) -> np.ndarray:
-    """The tendon that stands out from the wrist to the knuckle of a lifted finger, and the hollows beside it."""
+    """Raise the tendon from the wrist to the knuckle of a lifted finger, and the hollows beside it."""
     along, lateral = view.at.along, view.at.lateral
     length = smoothstep(along, -view.ray.metacarpal - 8, -view.ray.metacarpal + 16) * smoothstep(along, 6, -5)
     ridge = 1.25 * bump(lateral, 1.5)
@@ -119,7 +119,7 @@ def _extensor_tendon(view: _DigitView) -> np.ndarray:
 
 
 def _bent_joint(view: _DigitView, joint_mm: float, size: float) -> np.ndarray:
-    """Two condyles, the corner of the next bone and flat sides; on the palm, flesh pressed out beside the crease."""
+    """Raise two condyles, the next bone's corner and flat sides; on the palm, flesh pressed out beside the crease."""
     along, across = view.at.along - joint_mm, np.abs(view.at.lateral) / view.section.half_breadth
     condyles, middle = 0.35 + 0.65 * bump(across - 0.42, 0.24), bump(across, 0.5)
     corners = 0.85 * bump(along + 2.4, 2.0) * condyles + 0.6 * bump(along - 5.2, 2.0) * middle
@@ -129,14 +129,14 @@ def _bent_joint(view: _DigitView, joint_mm: float, size: float) -> np.ndarray:
 
 
 def _pressed_flesh(view: _DigitView, crease_mm: float, size: float) -> np.ndarray:
-    """Bulges on both sides of a palmar crease, which is drawn in."""
+    """Raise bulges on both sides of a palmar crease, which is drawn in."""
     along = view.at.along - crease_mm
     bulges = 0.8 * (bump(along - 4.6, 2.1) + bump(along + 4.6, 2.1))
     return size * view.near * view.on_palm * (bulges - 0.8 * bump(along, 0.9))
 
 
 def _kept_volume(view: _DigitView, joint_mm: float, back_mm: float, palm_mm: float) -> np.ndarray:
-    """What skinning draws in at a bent joint: neither the heads of its bones nor the flesh beside its crease shrink."""
+    """Give back what skinning draws in at a bent joint: heads of bones and flesh beside its crease do not shrink."""
     along = view.at.along - joint_mm
     over_bones = back_mm * bump(along - 0.8, 3.8) * view.on_back
     flesh = palm_mm * bump(along, 6.0) * (1 - view.on_back)
@@ -144,14 +144,14 @@ def _kept_volume(view: _DigitView, joint_mm: float, back_mm: float, palm_mm: flo
 
 
 def _flesh_below_knuckle(view: _DigitView) -> np.ndarray:
-    """What a bent knuckle presses out of its crease: into the palm, and to the palm side of the first phalanx."""
+    """Raise what a bent knuckle presses out of its crease: into the palm, and to the first phalanx's palm side."""
     along = view.at.along
     bulges = bump(along + 7.5, 5.0) + bump(along - 12.0, 4.5)
     return 2.9 * bump(view.at.lateral, 7.0 * view.thickness) * (1 - view.on_back) * bulges
 
 
 def _snuffbox(view: _DigitView) -> np.ndarray:
-    """The thumb's two extensor tendons and the hollow between them, at its base."""
+    """Raise the thumb's two extensor tendons and the hollow between them, at its base."""
     along, lateral = view.at.along, view.at.lateral
     length = smoothstep(along, -view.ray.metacarpal - 10, -view.ray.metacarpal + 8) * smoothstep(along, 8, -10)
     base = smoothstep(along, -8, -view.ray.metacarpal + 4)

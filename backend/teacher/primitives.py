@@ -15,7 +15,7 @@ _TINY = 1e-9  # avoids 0 / 0 at the centre of a solid
 def superellipsoid(
     scaled: tuple[np.ndarray, ...], radii: tuple[np.ndarray | float, ...], exponent: np.ndarray | float
 ) -> np.ndarray:
-    """|x/a|^p + |y/b|^p + |z/c|^p = 1, given coordinates divided by the radii."""
+    """Measure distance to |x/a|^p + |y/b|^p + |z/c|^p = 1, given coordinates divided by the radii."""
     sizes = [np.abs(coordinate) for coordinate in scaled]
     value = sum(size**exponent for size in sizes) ** (1 / exponent) + _TINY
     slopes = (((size / value) ** (exponent - 1) / radius) ** 2 for size, radius in zip(sizes, radii, strict=True))
@@ -25,7 +25,7 @@ def superellipsoid(
 def ellipsoid(
     points: np.ndarray, ends: tuple[np.ndarray, np.ndarray], up: np.ndarray, side_radius: float, up_radius: float
 ) -> np.ndarray:
-    """An ellipsoid with its long axis between two ends, and radii along `up` and sideways across it."""
+    """Measure distance to an ellipsoid: its long axis between two ends, radii along `up` and sideways across it."""
     centre, axis = (ends[0] + ends[1]) / 2, unit(ends[1] - ends[0])
     half_length = float(np.linalg.norm(ends[1] - ends[0])) / 2
     up = unit(up - axis * (up @ axis))
@@ -39,14 +39,14 @@ def ellipsoid(
 def capsule(
     points: np.ndarray, start: np.ndarray, end: np.ndarray, start_radius: float, end_radius: float
 ) -> np.ndarray:
-    """A capsule whose radius changes linearly."""
+    """Measure distance to a capsule whose radius changes linearly."""
     along = end - start
     t = np.clip((points - start) @ along / (along @ along), 0, 1)
     return np.linalg.norm(points - start - t[:, None] * along, axis=1) - (start_radius * (1 - t) + end_radius * t)
 
 
 def triangle(points: np.ndarray, corners: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
-    """Unsigned distance to a triangle; subtract a radius for a rounded plate."""
+    """Measure unsigned distance to a triangle; subtract a radius for a rounded plate."""
     a, b, c = corners
     normal = unit(np.cross(b - a, c - a))
     edges = ((a, b), (b, c), (c, a))
@@ -56,7 +56,7 @@ def triangle(points: np.ndarray, corners: tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def ball(points: np.ndarray, centre: np.ndarray, radius: float, stretch: np.ndarray | float = 1.0) -> np.ndarray:
-    """A ball; if `stretch` [3] scales it along the axes, distances are in the units of the unscaled ball."""
+    """Measure distance to a ball; if `stretch` [3] scales it along the axes, in the units of the unscaled ball."""
     return np.linalg.norm((points - centre) / stretch, axis=1) - radius
 
 

@@ -37,7 +37,7 @@ def project_to_surface(
 
 
 def _gradient(distance_at: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
-    """[N, 3] by central differences, anatomical frame."""
+    """Compute the gradient [N, 3] by central differences, anatomical frame."""
     columns = [
         (distance_at(points + probe) - distance_at(points - probe)) / (2 * _PROBE) for probe in np.eye(3) * _PROBE
     ]

@@ -54,7 +54,7 @@ class Section(NamedTuple):
     palmar_depth: np.ndarray
 
     def depth(self, dorsal: np.ndarray) -> np.ndarray:
-        """The half-depth on the side of the ray that the points are on."""
+        """Choose the half-depth on the side of the ray that the points are on."""
         return np.where(dorsal > 0, self.dorsal_depth, self.palmar_depth)
 
 
@@ -102,16 +102,16 @@ class Ray:
         return self.digit == "thumb"
 
     def nearest_sample(self, along: float) -> int:
-        """Index of the centreline's sample nearest to a position along the ray."""
+        """Find the index of the centreline's sample nearest to a position along the ray."""
         return int(np.argmin(np.abs(self.samples - along)))
 
     def section(self, along: np.ndarray) -> Section:
-        """The cross-section at [N] positions; constant beyond the first and last station."""
+        """Interpolate the cross-section at [N] positions; constant beyond the first and last station."""
         inside = np.clip(along, self.stations[0], self.stations[-1])
         return Section(*(curve(inside) for curve in self.section_curves))
 
     def coordinates(self, points: np.ndarray) -> RayCoordinates:
-        """The ray coordinates of points [N, 3]."""
+        """Compute the ray coordinates of points [N, 3]."""
         along, lateral, dorsal = self._frame_coordinates(points)
         section = self.section(along)
         radii = (
@@ -137,7 +137,7 @@ class Ray:
         return self.samples[nearest] + ahead, (offsets * lateral).sum(1), (offsets * dorsal).sum(1)
 
     def _past_ends(self, along: np.ndarray) -> np.ndarray:
-        """Distance into the cap of the tip or the base, as a share of the cap's length; 0 between the caps."""
+        """Measure distance into the cap of the tip or the base, as a share of the cap's length; 0 between the caps."""
         tip = np.where(along > self.cap_start, (along - self.cap_start) / (self.length - self.cap_start), 0)
         base = np.where(along < -self.metacarpal, (-self.metacarpal - along) / _BASE_CAP, 0)
         return np.maximum(tip, base)
@@ -151,7 +151,7 @@ class _Skeleton(NamedTuple):
 
 
 def build_rays() -> dict[str, Ray]:
-    """The five rays, by name, in MANO's order of the digits."""
+    """Build the five rays, by name, in MANO's order of the digits."""
     return {digit: _build_ray(digit) for digit in DIGITS}
 
 
@@ -205,7 +205,7 @@ def _thumb_skeleton(layout: ThumbLayout, bones: BoneLengths) -> _Skeleton:
 
 
 def _centreline(skeleton: _Skeleton, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Positions of the samples along the ray; the rounded polyline, its tangent and its dorsal direction there."""
+    """Place the samples along the ray; the rounded polyline, its tangent and its dorsal direction there."""
     points = skeleton.points
     last = unit(points[-1] - points[-2])
     places = np.r_[ends, ends[-1] + _EXTENSION]

@@ -27,7 +27,7 @@ Coordinates = dict[str, RayCoordinates]
 def signed_distance(
     rays: dict[str, Ray], points: np.ndarray, with_details: bool = True, forearm_mm: float = STUMP_MM
 ) -> np.ndarray:
-    """Signed distance of the hand.
+    """Compute signed distance of the hand.
 
     Args:
         rays: the digits.
@@ -52,7 +52,7 @@ def signed_distance(
 
 
 def _fingers(rays: dict[str, Ray], at: Coordinates, points: np.ndarray) -> np.ndarray:
-    """The four fingers and the webs between them; the blend is wide in the palm and narrow past the web."""
+    """Join the four fingers and the webs between them; the blend is wide in the palm and narrow past the web."""
     radius = {finger: np.interp(at[finger].along, [-40, -8, 6, 16, 24], [9, 7, 6, 3.5, 1.0]) for finger in FINGERS}
     distance = at[FINGERS[0]].distance
     pairs = list(pairwise(FINGERS))
@@ -64,7 +64,7 @@ def _fingers(rays: dict[str, Ray], at: Coordinates, points: np.ndarray) -> np.nd
 
 
 def _web(radial: Ray, ulnar: Ray, points: np.ndarray) -> np.ndarray:
-    """A capsule from between two MCP joints to between the two fingers, on their palmar side."""
+    """Measure distance to a capsule from between two MCP joints to between the two fingers, on their palmar side."""
     along = 9.5 if ulnar.digit == "pinky" else 11.5
     i = radial.nearest_sample(along)
     j = ulnar.nearest_sample(along if ulnar.digit == "middle" else along + 2)
@@ -82,7 +82,7 @@ def _with_pads(distance: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _thumb(rays: dict[str, Ray], at: Coordinates, points: np.ndarray) -> np.ndarray:
-    """The thumb's ray, the thenar eminence and the first web."""
+    """Join the thumb's ray, the thenar eminence and the first web."""
     thumb, index = rays["thumb"], rays["index"]
     ends = (np.array([6, -13, 6.0]), np.array([61, -25, 38.0]))
     thenar = ellipsoid(points, ends, np.array([0, 1, 0.3]), 13.5, 13.5)

@@ -60,7 +60,7 @@ class _Digit(NamedTuple):
 
 
 def skin_masks(rays: dict[str, Ray], vertices: np.ndarray, normals: np.ndarray) -> Masks:
-    """Masks of vertices [N, 3] (build frame, mm) with unit normals [N, 3]."""
+    """Compute masks of vertices [N, 3] (build frame, mm) with unit normals [N, 3]."""
     points = swap_distal(vertices)
     at = {digit: rays[digit].coordinates(points) for digit in DIGITS}
     nearest = np.stack([at[digit].distance for digit in DIGITS], 1).argmin(1)
@@ -91,7 +91,7 @@ def _digit_view(order: int, ray: Ray, at: RayCoordinates, nearest: np.ndarray) -
 
 
 def _add_palm_side(masks: Masks, view: _Digit) -> None:
-    """On a digit, its own frame determines the palmar side instead of the normal."""
+    """Let a digit's own frame determine the palmar side instead of the normal."""
     palmar = 1 - smoothstep(view.height, -0.40, 0.35)
     share = smoothstep(view.at.along, -14, 2) if view.ray.is_thumb else smoothstep(view.at.along, 8, 20)
     masks["palm"] = np.where(view.is_own, masks["palm"] * (1 - share) + palmar * share, masks["palm"])
@@ -130,7 +130,7 @@ def _add_folds(masks: Masks, view: _Digit) -> None:
 
 
 def _fold_strengths(view: _Digit, along: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Dorsal and palmar fold [N] of a joint."""
+    """Compute dorsal and palmar fold [N] of a joint."""
     if view.ray.is_thumb:
         width = 6.0 if order == 1 else 4.0
     elif order == 0:  # an MCP joint has a dorsal fold only
@@ -152,7 +152,7 @@ def _add_tip(masks: Masks, view: _Digit) -> None:
 
 
 def _add_digit_creases(masks: Masks, view: _Digit) -> None:
-    """Two palmar creases at every joint past the first, and two on a finger's proximal phalanx."""
+    """Draw two palmar creases at every joint past the first, and two on a finger's proximal phalanx."""
     palmar = smoothstep(-view.height, -0.1, 0.4)
     along, lateral = view.at.along, view.at.lateral
     if not view.ray.is_thumb:
@@ -169,7 +169,7 @@ def _add_digit_creases(masks: Masks, view: _Digit) -> None:
 
 
 def _add_lines(masks: Masks, points: np.ndarray, normals: np.ndarray, at: dict[str, RayCoordinates]) -> None:
-    """The creases of the palm and the veins of the back, which end before the digits."""
+    """Draw the creases of the palm and the veins of the back, which end before the digits."""
     reach = [np.where(at[finger].distance < 3, at[finger].along, -99) for finger in FINGERS]
     is_off_fingers = np.max(reach, 0) <= 12
     is_off_thumb = ~((at["thumb"].distance < 2.5) & (at["thumb"].along > -4))

@@ -6,12 +6,12 @@ import numpy as np
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors [..., 3] at length 1. A zero vector gives NaN."""
+    """Scale vectors [..., 3] to length 1. A zero vector gives NaN."""
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def smooth_min(a: np.ndarray, b: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
-    """Polynomial smooth minimum: min(a, b) where they differ by more than `radius`, else at most radius / 4 below.
+    """Blend min(a, b) by a polynomial: itself where they differ by more than `radius`, else at most radius / 4 below.
 
     Inigo Quilez, "smooth minimum", quadratic polynomial.
     """
@@ -25,11 +25,11 @@ def smooth_max(a: np.ndarray, b: np.ndarray, radius: np.ndarray | float) -> np.n
 
 
 def smoothstep(x: np.ndarray, start: float | int, end: float | int) -> np.ndarray:
-    """0 at `start`, 1 at `end`, flat outside; falls where start > end."""
+    """Rise from 0 at `start` to 1 at `end`, flat outside; fall where start > end."""
     t = np.clip((x - start) / (end - start), 0, 1)
     return t * t * (3 - 2 * t)
 
 
 def bump(x: np.ndarray, width: float | int) -> np.ndarray:
-    """A Gaussian of height 1 and standard deviation `width`."""
+    """Evaluate a Gaussian of height 1 and standard deviation `width`."""
     return np.exp(-0.5 * (x / width) ** 2)

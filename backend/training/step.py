@@ -180,13 +180,16 @@ def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView, precis
                 return Rendered(avg_pool2d(image[None], 2)[0], image)
             return Rendered(torch.cat([maps[:3], maps[-1:]]), image)
     networks = RelightableNetworks.of(avatar.field, avatar.superres, ReferenceBackend(), precision)
-    return _render_lit(networks, composite, view, views.backend)
+    return _render_lit(networks, composite, hand, view, views.backend)
 
 
 def _render_lit(
-    networks: RelightableNetworks, gathered: Composite, view: TrainingView, backend: ReferenceBackend
+    networks: RelightableNetworks, gathered: Composite, hand: HandInView, view: TrainingView, backend: ReferenceBackend
 ) -> Rendered:
-    """Decode gathered rays and light them; colours are exposed and sRGB-encoded as the view's target."""
+    """Decode gathered rays and light them; colours are exposed and sRGB-encoded as the view's target.
+
+    The hand may be refined since its rays were traced: then where they met it and its shadows are of before.
+    """
     light: MixedLight = view.light
     met, surface, size_px = light.met, light.surface, view.camera.size_px
     gathered = gathered._replace(channels=gathered.channels.float())
@@ -194,7 +197,7 @@ def _render_lit(
     features = light.visibility.with_albedo(rays.mean_albedo).features(rays.points, backend)
     coloured = rays.low._replace(channels=light.encoded(rays.colours(features)))
     maps, _ = low_resolution_maps(coloured, met.pixel, size_px)
-    image = networks.enlarged(met, rays, skin_at_full_size(backend, met.hand, None))
+    image = networks.enlarged(met, rays, skin_at_full_size(backend, hand, None))
     alpha = image.alpha  # of the avatar's surface, too: else its density would learn nothing
     image = image if surface is None else surface.detailed(image)
     colours = light.encoded(networks.backend.relit(image, features, met.pixel, size_px))

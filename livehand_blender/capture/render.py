@@ -91,9 +91,9 @@ def render_capture(
     return capture
 
 
-def _surface_of(subject: DressedHand | HandModel, person: Person) -> StoredSurface | None:
+def _surface_of(subject: HandWithMaterials | HandModel, person: Person) -> StoredSurface | None:
     """The surface that the capture will show, with all of its arrays; None: materials of its own are not known."""
-    known = None if isinstance(subject, DressedHand) else surface_of_person(person, subject.sha256)
+    known = None if isinstance(subject, HandWithMaterials) else surface_of_person(person, subject.sha256)
     return None if known is None else whole_surface(known)
 
 

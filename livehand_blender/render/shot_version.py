@@ -13,7 +13,7 @@ from ...backend.batch.shot_version import ShotVersion
 from ...backend.records.errors import LiveHandError
 from ..rig.hand import all_hands
 from ..scene.camera import output_size_px
-from .hands.hand_source import hand_source, read_device
+from .hand_source import hand_source, read_device
 
 _TILES = ("<UDIM>", "<UVTILE>")
 

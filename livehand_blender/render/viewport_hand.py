@@ -10,7 +10,7 @@ import numpy as np
 
 from ...backend.image.grade import Grade
 from ...backend.records.camera import Camera
-from ...backend.records.shot import HandPose, Shot
+from ...backend.records.shot import HandPose, Quality, Shot
 from ...backend.render.frame_task import HandTask
 from ...backend.render.session import Device, Session
 from ..hands.shot import hand_hair, hand_pose, hand_vertices, hand_wrist_fade_m
@@ -38,13 +38,13 @@ class ViewportHand:
     wrist_fade_m: float = 0.0
     hair: float = 0.0
 
-    def task(self, session: Session, camera: Camera, is_moving: bool = False) -> HandTask:
+    def task(self, session: Session, camera: Camera, quality: Quality = "final") -> HandTask:
         """The task of rendering the hand; loads its avatar, and raises as `load_for`."""
         renderer = load_for(self.name, self.source, session, self.device)
         light = self.light.light() if self.light and renderer.is_relightable else None
         if light is not None:
-            light = replace(light, penumbra="none" if is_moving else "fine")
-        shot = Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m, self.hair, is_moving)
+            light = replace(light, penumbra="none" if quality == "preview" else "fine")
+        shot = Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m, self.hair, quality)
         return HandTask(renderer, shot)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from ...backend.image.grade import graded
 from ...backend.records.camera import Camera
 from ...backend.records.frame import Frame
+from ...backend.records.shot import Quality
 from ...backend.render.composition import joined, visible_parts
 from ...backend.render.session import Session
 from ...backend.system.thread_limits import thread_limit
@@ -53,18 +54,18 @@ class ViewportRequest:
     foreground: tuple[Solid, ...] = ()
 
     def render(
-        self, session: Session, scale: float, should_stop: Callable[[], bool], is_moving: bool = False
+        self, session: Session, scale: float, should_stop: Callable[[], bool], quality: Quality = "final"
     ) -> ViewportImage | None:
         """The image at `scale` times the view's resolution; None if no hand is in view.
 
-        `is_moving` as in `Shot`: the penumbras of what moves have no steps, those of what rests fine ones.
+        `quality` as in `Shot`: penumbras of a preview have no steps, those of a final image fine ones.
 
         Raises:
             LiveHandError: a hand cannot be rendered.
         """
         camera = self.camera.scaled(scale)
         with session.rendering:
-            tasks = [hand.task(session, camera, is_moving) for hand in self.hands]
+            tasks = [hand.task(session, camera, quality) for hand in self.hands]
             with thread_limit(_THREADS):
                 frames = [task.run(should_stop) for task in tasks]
         if not frames:
@@ -108,4 +109,6 @@ class ViewportStep:
 
     def __call__(self, should_stop: Callable[[], bool]) -> ViewportImage | None:
         """Render the image, as `ViewportRequest.render`."""
-        return self.request.render(self.session, self.scale, should_stop, self.moving_px is not None)
+        return self.request.render(
+            self.session, self.scale, should_stop, "final" if self.moving_px is None else "preview"
+        )

@@ -1,5 +1,6 @@
 """Blender as a module, with LiveHand registered once; every test starts from an empty file."""
 
+import hashlib
 import runpy
 import signal
 from pathlib import Path
@@ -10,11 +11,13 @@ import livehand
 import numpy as np
 import pytest
 import torch
+from livehand.backend.hand.corrective_keys import factor_correctives
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model_file import ARM_KEY, load_default_hand, load_hand_model
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.backend.tracking.weights import fetch_networks, has_networks
+from livehand.livehand_blender.rig import hand_mesh
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.tools.builtin_hand import TEMPLATE
 
@@ -33,6 +36,22 @@ def _ctrl_c_is_handled():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _correctives_are_factored_once():
+    """A model's, which nearly every test builds a hand of: of the 65 ms that takes, 27 are their decomposition."""
+    factored = {}
+
+    def once(posedirs):
+        key = hashlib.sha256(posedirs.tobytes()).digest()
+        if key not in factored:
+            factored[key] = factor_correctives(posedirs)
+        return factored[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hand_mesh, "factor_correctives", once)
+        yield
 
 
 @pytest.fixture(autouse=True)

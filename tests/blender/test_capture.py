@@ -30,7 +30,7 @@ from livehand.livehand_blender.capture import command
 from livehand.livehand_blender.capture import render as capture_render
 from livehand.livehand_blender.capture.bake import bake_skin
 from livehand.livehand_blender.capture.node_graph import NodeGraph, enable_nodes
-from livehand.livehand_blender.capture.render import DressedHand, is_complete, render_capture
+from livehand.livehand_blender.capture.render import HandWithMaterials, is_complete, render_capture
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
 from livehand.livehand_blender.capture.skin import SkinChannels, SkinTone, shade
 from livehand.livehand_blender.capture.surface import SkinSurface, crossing
@@ -313,7 +313,7 @@ def test_a_capture_has_the_surface_of_its_person(tiny, hand):
 
 def test_painted_nails_and_materials_of_ones_own_have_no_known_surface(tmp_path, no_renders, hand):
     painted = replace(TINY, person=Person(nail_polish=(0.5, 0.0, 0.0)))
-    for name, plan, subject in (("painted", painted, hand), ("own", TINY, DressedHand(hand, None))):
+    for name, plan, subject in (("painted", painted, hand), ("own", TINY, HandWithMaterials(hand, None))):
         capture = render_capture(tmp_path / name, plan, {"made_by": "test"}, hand=subject)
         assert (capture.surface, (tmp_path / name / "surface.npz").exists()) == (None, False)
 

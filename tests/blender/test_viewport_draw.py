@@ -311,7 +311,7 @@ def test_all_is_fine_once_the_hand_rests(drawn, wide, shared, fake_session, fake
     drawn(lambda: show(Viewport(shared), Engine(), wide, shared))
     shots = fake_session.made[0].shots
     assert [shot.light.penumbra for shot in shots] == ["none", "fine"]
-    assert [shot.is_moving for shot in shots] == [True, False]
+    assert [shot.quality for shot in shots] == ["preview", "final"]
 
 
 def missing_avatar(context):

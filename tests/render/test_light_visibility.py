@@ -11,10 +11,10 @@ from livehand.backend.geometry.mesh import PosedMesh
 from livehand.backend.geometry.rasterise import NearestFronts
 from livehand.backend.image.relighting import SkinDepth
 from livehand.backend.light.bounce import SkinPlaces, bounced_on_skin, probe_vertices
-from livehand.backend.light.fineness import WHOLE, Fineness
 from livehand.backend.light.lamp_samples import LampSamples
 from livehand.backend.light.light_samples import LightSamples
 from livehand.backend.light.lighting import SurfacePoints, light_features
+from livehand.backend.light.quality import FINAL, LightQuality
 from livehand.backend.light.shadow_maps import FAR, Bounds, LightViews
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS
 from livehand.backend.light.visibility import direction_frames
@@ -128,7 +128,7 @@ def test_of_a_sky_that_is_looked_at_along_few_directions_each_cell_has_the_neare
     backend, posed, seen_from
 ):
     one = posed("fist")
-    hand = HandInView(one.mesh, one.topology, seen_from(one.mesh, (0.2, -1, 0.3)), fineness=Fineness(16, 100))
+    hand = HandInView(one.mesh, one.topology, seen_from(one.mesh, (0.2, -1, 0.3)), light_quality=LightQuality(16, 100))
     position = one.mesh.vertices[::7]
     found = sky_shadows(backend, hand, NO_OCCLUDERS, position)
     few = direction_frames(16, "cpu")[:, 2]
@@ -139,14 +139,14 @@ def test_of_a_sky_that_is_looked_at_along_few_directions_each_cell_has_the_neare
     torch.testing.assert_close(found.lit, of_few.lit[nearest])
     torch.testing.assert_close(found.depth_in_m, of_few.depth_in_m[nearest])
     assert len(nearest.unique()) == 16
-    whole = sky_shadows(backend, hand._replace(fineness=WHOLE), NO_OCCLUDERS, position)
+    whole = sky_shadows(backend, hand._replace(light_quality=FINAL), NO_OCCLUDERS, position)
     here, there = (split_points(shadows, len(position))[0].lit.mean(0) for shadows in (found, whole))
     assert 0 < (here - there).abs().mean() < 0.04  # of the sky, at each point
 
 
 def test_few_probes_have_the_albedo_of_their_own_vertices(backend, posed, seen_from):
     one = posed("fist")
-    hand = HandInView(one.mesh, one.topology, seen_from(one.mesh, (0.2, -1, 0.3)), fineness=Fineness(16, 100))
+    hand = HandInView(one.mesh, one.topology, seen_from(one.mesh, (0.2, -1, 0.3)), light_quality=LightQuality(16, 100))
     position, light = one.mesh.vertices[:5], LightSamples.of(Light(), Bounds.of(one.mesh))
     albedo = torch.rand(len(one.mesh.vertices), 3, generator=torch.Generator().manual_seed(1))
     of_sky = sky_shadows(backend, hand, NO_OCCLUDERS, position)

@@ -181,7 +181,7 @@ def test_of_what_moves_lamps_shadows_are_of_the_meshs_faces_on_the_surface(rende
     monkeypatch.setattr(
         HitSurface, "lamp_skin", lambda surface, faces: asked.append(lamp_skin(surface, faces)) or asked[-1]
     )
-    moving = renderer.render(replace(shot, is_moving=True, light=light))
+    moving = renderer.render(replace(shot, quality="preview", light=light))
     ((mesh, faces, _),), kept = asked, renderer.pipeline._last.gbuffer
     assert torch.equal(faces, kept.met.hand.topology.faces)
     assert torch.equal(mesh.vertices, kept.layer.hit.mesh.vertices[: len(shot.vertices)])
@@ -278,7 +278,7 @@ def test_hair_lies_over_the_skin_and_its_light_adds_up(renderer, shot):
 
 def test_what_moves_is_shown_with_fewer_faces_and_what_rests_is_not(renderer, shot):
     """Nearly the same to the eye; and the hand that was kept is not taken for the other."""
-    resting, moving, again = (renderer.render(replace(shot, is_moving=each)) for each in (False, True, False))
+    resting, moving, again = (renderer.render(replace(shot, quality=each)) for each in ("final", "preview", "final"))
     np.testing.assert_array_equal(again.rgb, resting.rgb)
     assert not np.array_equal(moving.rgb, resting.rgb)
     error = np.abs(moving.rgb - resting.rgb)[resting.alpha > 0.99].mean()
@@ -287,7 +287,7 @@ def test_what_moves_is_shown_with_fewer_faces_and_what_rests_is_not(renderer, sh
 
 
 def test_what_moves_shows_no_hair(renderer, shot):
-    bare, hairy = (renderer.render(replace(shot, is_moving=True, hair=hair)) for hair in (0.0, 1.0))
+    bare, hairy = (renderer.render(replace(shot, quality="preview", hair=hair)) for hair in (0.0, 1.0))
     np.testing.assert_array_equal(hairy.rgb, bare.rgb)
 
 
@@ -315,3 +315,8 @@ def test_hair_of_the_left_hand_is_the_mirror_image_of_that_of_the_right(hand, re
 def test_hair_is_a_share(shot, hair):
     with pytest.raises(LiveHandError, match="a share from 0 to 1"):
         replace(shot, hair=hair)
+
+
+def test_a_shot_of_another_quality_is_refused(shot):
+    with pytest.raises(LiveHandError, match="must be 'preview' or 'final', got 'moving'"):
+        replace(shot, quality="moving")

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from livehand.backend.capture.person import PERSONS, Person
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.surface.base_surface import (
     base_arrays,
@@ -36,10 +35,10 @@ def test_the_base_is_whole_and_lies_on_its_hand(base, hand):
     assert base.keys() == {name for name, spec in ARRAYS.items() if not spec.is_optional}
 
 
-def test_people_share_the_base_and_have_numbers_of_their_own(middle, hand):
+def test_people_share_the_base_and_have_numbers_of_their_own(middle, hand, hand_without_arm):
     assert dict(middle.arrays) == {}
     assert (middle.base, middle.hand_sha256, middle.person) == (base_sha256(), hand.sha256, PERSONS["middle"])
-    assert surface_of_person(PERSONS["middle"], load_hand_model(WITHOUT_ARM).sha256) is None
+    assert surface_of_person(PERSONS["middle"], hand_without_arm.sha256) is None
     assert surface_of_person(Person(nail_polish=(1.0, 0.0, 0.0)), hand.sha256) is None
 
 

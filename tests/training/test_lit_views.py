@@ -9,6 +9,7 @@ from livehand.backend.avatars.avatar import new_avatar
 from livehand.backend.capture.capture import Capture, SurfaceReference, save_capture_index
 from livehand.backend.capture.exr import write_exr
 from livehand.backend.capture.lights import CaptureLight
+from livehand.backend.capture.person import Person
 from livehand.backend.evaluation.summary import summary
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.light.light_samples import LightSamples

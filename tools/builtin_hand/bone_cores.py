@@ -17,7 +17,7 @@ UNLABELLED = -1
 
 
 def bone_cores(rays: dict[str, Ray], points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """[N] joint of each surface point [N, 3] with unit normal [N, 3] (build frame), or UNLABELLED between the cores."""
+    """Find the joint [N] of each surface point [N, 3] of unit normal [N, 3] (build frame); UNLABELLED between cores."""
     at = {digit: rays[digit].coordinates(points) for digit in DIGITS}
     labels = np.full(len(points), UNLABELLED)
     for finger in (digit for digit in DIGITS if digit in FINGERS):
@@ -57,7 +57,7 @@ def _label_thumb(labels: np.ndarray, ray: Ray, at: dict[str, RayCoordinates]) ->
 def _is_palm(
     rays: dict[str, Ray], at: dict[str, RayCoordinates], points: np.ndarray, normals: np.ndarray
 ) -> np.ndarray:
-    """Short of the knuckles (of the crease on the palmar side), away from the thumb and its web; and the wrist."""
+    """Mark what lies short of the knuckles (of the palmar crease), away from the thumb and its web; and the wrist."""
     d, _, r = points.T
     past_knuckles = np.max([np.where(at[finger].distance < 9, at[finger].along, -99) for finger in FINGERS], 0)
     on_back = smoothstep(normals[:, 1], -0.3, 0.3)
@@ -69,7 +69,7 @@ def _is_palm(
 
 
 def _web_distance(rays: dict[str, Ray], points: np.ndarray) -> np.ndarray:
-    """Distance to the triangle of skin between thumb and index finger."""
+    """Measure distance to the triangle of skin between thumb and index finger."""
     thumb, index = rays["thumb"], rays["index"]
     corners = (
         np.array([34.0, -4.0, 16.0]),

@@ -59,19 +59,19 @@ _LIGHT, _DEEP = (replace(PERSONS[name], freckles=0.0) for name in ("light", "dee
 
 
 def blurred(values: np.ndarray, is_skin: np.ndarray, texels: float) -> np.ndarray:
-    """[N, N] Gaussian blur of this deviation over the skin alone; 0 beside the skin."""
+    """Compute [N, N] Gaussian blur of this deviation over the skin alone; 0 beside the skin."""
     weight = gaussian_filter(is_skin.astype(np.float32), texels)
     total = gaussian_filter(np.where(is_skin, values, 0).astype(np.float32), texels)
     return np.where(is_skin, total / np.maximum(weight, 1e-6), 0)
 
 
 def fine_part(values: np.ndarray, is_skin: np.ndarray, coarsest_texels: float) -> np.ndarray:
-    """[N, N] minus its blur of this deviation; 0 beside the skin."""
+    """Subtract from [N, N] its blur of this deviation; 0 beside the skin."""
     return np.where(is_skin, values - blurred(values, is_skin, coarsest_texels), 0)
 
 
 def coarse_part(values: np.ndarray, is_skin: np.ndarray, coarsest_texels: float, widest_texels: float) -> np.ndarray:
-    """[N / 4, N / 4] blur of the one deviation minus that of the other; 0 beside the skin."""
+    """Subtract one deviation's blur from the other's, [N / 4, N / 4]; 0 beside the skin."""
     share = _blocks(is_skin.astype(np.float32))
     small = _blocks(blurred(values, is_skin, coarsest_texels)) / np.maximum(share, 1e-6)
     return fine_part(small, share > 0.5, widest_texels / COARSER)
@@ -80,7 +80,7 @@ def coarse_part(values: np.ndarray, is_skin: np.ndarray, coarsest_texels: float,
 def skin_detail_arrays(
     model: HandModel, light: dict[str, np.ndarray], deep: dict[str, np.ndarray]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """The arrays of both files, fine and coarse, from the maps [N, N, 3] of a light and a deep skin (`_baked`)."""
+    """Encode the arrays of both files, fine and coarse, from maps [N, N, 3] of a light and a deep skin (`_baked`)."""
     is_skin = light["albedo"].sum(-1) > _LEAST_ALBEDO
     texel_mm = ATLAS_MM / len(is_skin)
     coarsest, widest = COARSEST_MM / texel_mm, WIDEST_MM / texel_mm
@@ -95,27 +95,27 @@ def skin_detail_arrays(
 
 
 def nail_part(rim: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
-    """[N / 4, N / 4] where the skin is nail, 0 to 1, from the mask `nailrim`."""
+    """Mark where the skin is nail, [N / 4, N / 4] from 0 to 1, by the mask `nailrim`."""
     outer, inner = NAIL_RIM
     inside = np.clip((rim - outer) / (inner - outer), 0, 1)
     return _blocks(np.where(is_skin, inside * inside * (3 - 2 * inside), 0))
 
 
 def roughness_part(roughness: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
-    """[N / 4, N / 4] means over the skin; beside it, the mean of all."""
+    """Average over the skin, [N / 4, N / 4]; beside it, the mean of all."""
     share = _blocks(is_skin.astype(np.float32))
     mean = _blocks(np.where(is_skin, roughness, 0)) / np.maximum(share, 1e-6)
     return np.where(share > 0, mean, roughness[is_skin].mean())
 
 
 def _maps(light: dict[str, np.ndarray], deep: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """[N, N] each, in the units of `SkinMaps`."""
+    """Convert each [N, N] to the units of `SkinMaps`."""
     pigments = (np.log(np.maximum(maps["albedo"], _LEAST_ALBEDO)).mean(-1) for maps in (light, deep))
     return dict(zip(_STEPS, (*np.moveaxis(light["height"], -1, 0), *pigments), strict=True))
 
 
 def _blocks(values: np.ndarray) -> np.ndarray:
-    """Means over blocks."""
+    """Average over blocks."""
     count = len(values) // COARSER
     return values.reshape(count, COARSER, count, COARSER).mean((1, 3))
 
@@ -140,7 +140,7 @@ def _baked(model: HandModel, detail: DetailedSurface, person: Person) -> dict[st
 
 
 def _read(path: Path) -> np.ndarray:
-    """[N, N, 3] with the row of the smallest v first, as Blender keeps it."""
+    """Read [N, N, 3] with the row of the smallest v first, as Blender keeps it."""
     image = bpy.data.images.load(str(path))
     width, height = image.size
     values = np.empty(width * height * 4, np.float32)

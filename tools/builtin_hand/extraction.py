@@ -19,7 +19,7 @@ _BAND = 4.0  # mm: where the interpolated coarse distance is smaller, the fine g
 
 
 def extract_mesh(rays: dict[str, Ray], spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [N, 3] and outward faces [M, 3] of the hand without details, closed, at a grid of `spacing` mm."""
+    """Extract vertices [N, 3] and outward faces [M, 3] of the hand without details, closed, at a `spacing` mm grid."""
     points, faces = _march(_band_volume(rays, spacing), spacing)
     mesh = trimesh.Trimesh(swap_distal(points), faces, process=False)
     if mesh.volume < 0:
@@ -31,7 +31,7 @@ def extract_mesh(rays: dict[str, Ray], spacing: float) -> tuple[np.ndarray, np.n
 
 
 def _band_volume(rays: dict[str, Ray], spacing: float) -> np.ndarray:
-    """[X, Y, Z] distances: exact within the band, interpolated outside it, where only the sign matters."""
+    """Compute [X, Y, Z] distances: exact within the band, interpolated outside it, where only the sign matters."""
     low, high = BOUNDS
     coarse_axes = [np.arange(low[i], high[i] + _COARSE, _COARSE) for i in range(3)]
     grid = np.stack(np.meshgrid(*coarse_axes, indexing="ij"), -1)

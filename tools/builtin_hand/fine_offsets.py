@@ -24,7 +24,7 @@ inside as much as outside of it (on a sphere, edges' middles are 1/4 of that hei
 
 
 def fine_surface(model: HandModel, detail: DetailedSurface) -> FineSurface:
-    """Every vertex of the detailed surface that a subdivision of fewer levels has, too."""
+    """Sample every vertex of the detailed surface that a subdivision of fewer levels has, too."""
     coarse = subdivide(model.f, model.vt[model.ft], len(model.v_template), LEVELS)
     count = int(coarse.faces.max()) + 1
     vertices = detail.vertices_m[:count]  # every level's vertices begin with those of the level before

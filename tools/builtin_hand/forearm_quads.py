@@ -23,7 +23,7 @@ _RELAXATIONS = 40
 
 
 def forearm_quads(rays: dict[str, Ray], hand: QuadMesh) -> QuadMesh:
-    """The hand with a forearm of `FOREARM_MM`, on its surface.
+    """Grow a forearm of `FOREARM_MM` on the hand, on its surface.
 
     Raises:
         LiveHandError: the quads have no loop around the wrist that a square grid can end.
@@ -44,7 +44,7 @@ def forearm_quads(rays: dict[str, Ray], hand: QuadMesh) -> QuadMesh:
 
 
 def _border(quads: np.ndarray) -> np.ndarray:
-    """The vertices around the only opening of the quads, in the direction of their winding."""
+    """List the vertices around the only opening of the quads, in the direction of their winding."""
     after = dict(open_half_edges(np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])).tolist())
     loop = [min(after)]
     while len(loop) < len(after):
@@ -55,7 +55,7 @@ def _border(quads: np.ndarray) -> np.ndarray:
 
 
 def _ring_positions(loop: np.ndarray) -> np.ndarray:
-    """[rings, L, 3]: from the loop [L, 3] to an even circle at the end."""
+    """Place rings [rings, L, 3] from the loop [L, 3] to an even circle at the end."""
     angle = np.unwrap(np.arctan2(loop[:, 2], loop[:, 1]))
     even = angle.mean() + (np.arange(len(loop)) - (len(loop) - 1) / 2) * 2 * np.pi / len(loop) * np.sign(np.ptp(angle))
     even = even if angle[-1] > angle[0] else even[::-1]
@@ -66,7 +66,7 @@ def _ring_positions(loop: np.ndarray) -> np.ndarray:
 
 
 def _end_positions(ring: np.ndarray) -> np.ndarray:
-    """[(n - 1)^2, 3]: a square grid of n x n faces whose border is the ring, by Coons' patch."""
+    """Fill the ring with a square grid of n x n faces, [(n - 1)^2, 3], by Coons' patch."""
     n = len(ring) // 4
     grid = _border_of_grid(ring)
     u, v = (np.arange(n + 1) / n)[:, None, None], (np.arange(n + 1) / n)[None, :, None]
@@ -78,7 +78,7 @@ def _end_positions(ring: np.ndarray) -> np.ndarray:
 
 
 def _border_of_grid(ring: np.ndarray) -> np.ndarray:
-    """[n + 1, n + 1, ...] whose border holds the 4 n entries of the ring in turn, and zeros inside."""
+    """Lay the 4 n entries of the ring around the border of [n + 1, n + 1, ...], with zeros inside."""
     n = len(ring) // 4
     grid = np.zeros((n + 1, n + 1, *ring.shape[1:]), ring.dtype)
     sides = ring.reshape(4, n, *ring.shape[1:])
@@ -87,7 +87,7 @@ def _border_of_grid(ring: np.ndarray) -> np.ndarray:
 
 
 def _end_grid(ring: np.ndarray, first: int) -> np.ndarray:
-    """[n + 1, n + 1] vertex indices of the end: the ring around new ones from `first`."""
+    """Return [n + 1, n + 1] vertex indices of the end: the ring around new ones from `first`."""
     grid = _border_of_grid(ring)
     inner = len(grid) - 2
     grid[1:-1, 1:-1] = first + np.arange(inner * inner).reshape(inner, inner)
@@ -106,7 +106,7 @@ def _quads_of_grid(grid: np.ndarray) -> np.ndarray:
 
 
 def _relaxed(rays: dict[str, Ray], vertices: np.ndarray, quads: np.ndarray, own: int) -> np.ndarray:
-    """Vertices on the surface; those after the hand's `own` ones are spaced evenly."""
+    """Space vertices evenly on the surface, those after the hand's `own` ones."""
     around = np.vstack([quads[:, corners] for corners in ([0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3])])
     mean, of_arm = neighbour_mean(around, len(vertices)), np.flatnonzero(vertices[:, 0] > ARM_FROM_MM)
 

@@ -40,7 +40,7 @@ _NO_PARENT = 4294967295  # of the root in MANO's files
 
 
 def build_hand(quads: QuadMesh, forearm: bool = False) -> dict[str, np.ndarray]:
-    """The arrays of a hand's file for a template with these quads, with or without a forearm; MANO's names, units."""
+    """Build the arrays of the file of a hand with these quads, with or without a forearm; MANO's names and units."""
     rays = build_rays()
     frames = joint_frames(rays)
     vertices, faces = quads.vertices, split_quads(quads)
@@ -76,17 +76,17 @@ def quads_with_forearm() -> QuadMesh:
 
 
 def dense_surface() -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [N, 3] (build frame, mm) and faces [M, 3] of the smooth hand without a forearm, for a quad remesher."""
+    """Extract vertices [N, 3] (build frame, mm) and faces [M, 3] of the smooth stump hand, for a quad remesher."""
     return extract_mesh(build_rays(), _DENSE_SPACING)
 
 
 def projected_quads(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
-    """Quads of a remesher, projected onto the surface."""
+    """Project quads of a remesher onto the surface."""
     return QuadMesh(project_to_surface(build_rays(), vertices, with_details=False, steps=4), quads)
 
 
 def split_quads(mesh: QuadMesh) -> np.ndarray:
-    """Triangles [2 Q, 3], outward: quads cut along their shorter diagonal, all first halves, then all second ones."""
+    """Cut quads along their shorter diagonal: triangles [2 Q, 3], outward, all first halves, then all second ones."""
     v, q = mesh
     first = np.linalg.norm(v[q[:, 0]] - v[q[:, 2]], axis=1) < np.linalg.norm(v[q[:, 1]] - v[q[:, 3]], axis=1)
     halves = [

@@ -27,7 +27,7 @@ class JointFrames(NamedTuple):
 
 
 def joint_frames(rays: dict[str, Ray]) -> JointFrames:
-    """The 16 joints of the rays."""
+    """Place the 16 joints on the rays."""
     position, bone, dorsal = np.zeros((3, 16, 3))
     for order, ray in enumerate(rays.values()):
         first = 1 + 3 * order

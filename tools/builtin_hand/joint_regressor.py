@@ -16,7 +16,7 @@ _SPREAD_STRENGTH = 0.6  # of the regularisation, which spreads the weights
 
 
 def joint_regressor(vertices: np.ndarray, joints: np.ndarray, directions: ShapeDirections) -> np.ndarray:
-    """[16, V], rows sum to 1, from vertices [V, 3] to joints [16, 3] for any beta, by least squares in mm."""
+    """Solve for [16, V], rows of sum 1, from vertices [V, 3] to joints [16, 3] for any beta, by least squares in mm."""
     regressor = np.zeros((len(joints), len(vertices)))
     for joint in range(len(joints)):
         distance = np.linalg.norm(vertices - joints[joint], axis=1)
@@ -29,7 +29,7 @@ def joint_regressor(vertices: np.ndarray, joints: np.ndarray, directions: ShapeD
 
 
 def _weights(offsets: np.ndarray, drifts: np.ndarray) -> np.ndarray:
-    """[n] >= 0 with sum about 1 and weighted means of about 0 of the offsets [n, 3] and the drifts [n, 3, 10]."""
+    """Solve for [n] >= 0 with sum about 1 and weighted means of about 0 of offsets [n, 3] and drifts [n, 3, 10]."""
     count = len(offsets)
     rows = [
         offsets.T,

@@ -24,7 +24,7 @@ _LARGEST_BULGE, _LARGEST_MCP_BULGE = 2.6, 3.0  # mm at 90 degrees
 def pose_correctives(
     vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray, normals: np.ndarray, frames: JointFrames
 ) -> np.ndarray:
-    """[V, 3, 135] mm per unit of (R - I) of joints 1..15. The thumb's first joint, in the palm, has none."""
+    """Compute [V, 3, 135] mm per unit of (R - I) of joints 1..15. The thumb's first joint, in the palm, has none."""
     posedirs = np.zeros((len(vertices), 3, 135))
     for joint in range(1, 16):
         if joint == 1 + 3 * DIGITS.index("thumb"):
@@ -37,7 +37,7 @@ def pose_correctives(
 
 
 def _profile(joint: int, vertices: np.ndarray, weights: np.ndarray, frames: JointFrames) -> np.ndarray:
-    """[V] shape of the bulge, in [0, 1]: where weights blend, stronger on the back than on the palm."""
+    """Return [V] shape of the bulge, in [0, 1]: where weights blend, stronger on the back than on the palm."""
     order = (joint - 1) % 3
     is_mcp = _is_mcp(joint)
     offsets = vertices - frames.position[joint]
@@ -67,7 +67,7 @@ def _is_mcp(joint: int) -> bool:
 
 
 def _bent(joint: int, vertices: np.ndarray, weights: np.ndarray, frames: JointFrames) -> np.ndarray:
-    """Vertices [V, 3] skinned with one joint flexed by 90 degrees."""
+    """Skin vertices [V, 3] with one joint flexed by 90 degrees."""
     theta = np.zeros((16, 3))
     theta[joint] = np.pi / 2 * frames.flexion[joint]
     transforms = joint_transforms(
@@ -78,5 +78,5 @@ def _bent(joint: int, vertices: np.ndarray, weights: np.ndarray, frames: JointFr
 
 
 def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Enclosed volume, ml."""
+    """Measure the enclosed volume, ml."""
     return float(trimesh.Trimesh(vertices, faces, process=False).volume) / 1000

@@ -74,7 +74,7 @@ class ShapeDirections(NamedTuple):
 def shape_directions(
     vertices: np.ndarray, normals: np.ndarray, weights: np.ndarray, frames: JointFrames
 ) -> ShapeDirections:
-    """The ten directions of a hand with vertices [V, 3], unit normals [V, 3] and skinning weights [V, 16]."""
+    """Build the ten directions of a hand with vertices [V, 3], unit normals [V, 3] and skinning weights [V, 16]."""
     moved = [_scaled(vertices, weights, frames, scaling) for scaling in SCALINGS]
     of_vertices = [offset for offset, _ in moved] + [_eminences(vertices, normals)]
     of_joints = [offset for _, offset in moved] + [np.zeros((16, 3))]
@@ -84,7 +84,7 @@ def shape_directions(
 def _scaled(
     vertices: np.ndarray, weights: np.ndarray, frames: JointFrames, scaling: BoneScaling
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets of vertices [V, 3] and joints [16, 3]."""
+    """Compute offsets of vertices [V, 3] and joints [16, 3]."""
     matrices = _bone_matrices(frames, scaling)
     rest, joints = frames.position, np.zeros((16, 3))
     for joint, parent in enumerate(PARENTS):
@@ -94,7 +94,7 @@ def _scaled(
 
 
 def _bone_matrices(frames: JointFrames, scaling: BoneScaling) -> np.ndarray:
-    """[16, 3, 3] scale of each bone along its own axes, and of the palm along the frame's axes."""
+    """Compute [16, 3, 3] scale of each bone along its own axes, and of the palm along the frame's axes."""
     directions = (frames.bone, frames.lateral, frames.dorsal)
     factors = (_per_joint(part) for part in (scaling.along, scaling.lateral, scaling.depth))
     matrices = sum(

@@ -27,7 +27,7 @@ _COTANGENT_RANGE = (0.02, 8.0)  # avoids negative or huge weights of obtuse and 
 
 
 def dense_weights(rays: dict[str, Ray], vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """[N, 16] weights of a dense closed mesh of the hand."""
+    """Compute [N, 16] weights of a dense closed mesh of the hand."""
     labels = bone_cores(rays, swap_distal(vertices), vertex_normals(vertices, faces))
     adjacency = _cotangent_adjacency(vertices, faces)
     weights = np.clip(_harmonic(adjacency, labels), 0, 1)
@@ -40,7 +40,7 @@ def dense_weights(rays: dict[str, Ray], vertices: np.ndarray, faces: np.ndarray)
 def transferred_weights(
     source: tuple[np.ndarray, np.ndarray], source_weights: np.ndarray, vertices: np.ndarray, normals: np.ndarray
 ) -> np.ndarray:
-    """[V, 16] weights at vertices near the dense mesh `source` (vertices, faces).
+    """Compute [V, 16] weights at vertices near the dense mesh `source` (vertices, faces).
 
     A mean over the nearest source vertices, weighted by the agreement of normals, so that a finger gets no weights of
     its neighbour across the gap.
@@ -53,7 +53,7 @@ def transferred_weights(
 
 
 def _cotangent_adjacency(vertices: np.ndarray, faces: np.ndarray) -> sparse.csr_array:
-    """[N, N] symmetric, half the sum of the clipped cotangents of the angles opposite each edge."""
+    """Compute half the sum of the clipped cotangents of the angles opposite each edge: [N, N], symmetric."""
     rows, columns, values = [], [], []
     for corner in range(3):
         a, b, c = (faces[:, (corner + k) % 3] for k in range(3))
@@ -68,7 +68,7 @@ def _cotangent_adjacency(vertices: np.ndarray, faces: np.ndarray) -> sparse.csr_
 
 
 def _harmonic(adjacency: sparse.csr_array, labels: np.ndarray) -> np.ndarray:
-    """[N, 16]: 1 for the labelled joint, and the solution of Laplace's equation between the labels."""
+    """Solve Laplace's equation between the labels: [N, 16], 1 for the labelled joint."""
     known = labels != UNLABELLED
     weights = np.zeros((len(labels), _JOINTS))
     weights[np.flatnonzero(known), labels[known]] = 1

@@ -27,7 +27,7 @@ _BLUR_TEXELS, _LEAST_WEIGHT = 0.7, 1e-3
 
 
 def unresolved_slopes(model: HandModel, detail: DetailedSurface, size: int) -> np.ndarray:
-    """[2, size, size] float32: along u and v over the atlas, m a m, at rest.
+    """Compute [2, size, size] float32: along u and v over the atlas, m a m, at rest.
 
     Args:
         model: the built-in right hand.
@@ -44,7 +44,7 @@ def unresolved_slopes(model: HandModel, detail: DetailedSurface, size: int) -> n
 
 
 def slopes_between(shown: np.ndarray, wanted: np.ndarray, corners_m: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """[M, 3, 2] slopes along u and v, at corners of M triangles, that bend normals [M, 3, 3] `shown` into `wanted`.
+    """Compute [M, 3, 2] slopes along u and v, at M triangles' corners, that bend normals [M, 3, 3] `shown` to `wanted`.
 
     Args:
         shown: unit.
@@ -58,7 +58,7 @@ def slopes_between(shown: np.ndarray, wanted: np.ndarray, corners_m: np.ndarray,
 
 
 def spread_over_atlas(uv: np.ndarray, values: np.ndarray, size: int) -> np.ndarray:
-    """[C, size, size] float32: means around texels of values [M, 3, C] at corners uv [M, 3, 2]; 0 beside triangles."""
+    """Average values [M, 3, C] at corners uv [M, 3, 2] around texels: [C, size, size] float32; 0 beside triangles."""
     total = np.zeros((size, size, values.shape[-1] + 1))
     for share in _TOWARDS_MIDDLE:
         place, value = (x + share * (x.mean(1, keepdims=True) - x) for x in (uv * size - 0.5, values))

@@ -68,7 +68,7 @@ def look_at(
 
 
 def summary(figures: Mapping[str, Any]) -> str:
-    """The figures of `look_at` for people."""
+    """Word the figures of `look_at` for people."""
     return "\n".join(_lines(figures))
 
 
@@ -85,11 +85,11 @@ class _Studio:
         self._scene.cycles.samples = samples
 
     def picture(self, view: HandView, size_px: int) -> np.ndarray:
-        """[size, size, 4] encoded colour times alpha, and alpha."""
+        """Return [size, size, 4] encoded colour times alpha, and alpha."""
         return self._render(aim(view, self._model, self._beta, size_px))
 
     def colours(self) -> dict[str, np.ndarray | None]:
-        """Lab [3] of the albedo at each place that this hand has; None: the picture does not show it."""
+        """Measure Lab [3] of the albedo at each place that this hand has; None: the picture does not show it."""
         _show_albedo(self._surface.object.active_material)
         self._scene.cycles.samples, self._scene.cycles.use_denoising = 4, False
         aims = {on_back: aim(WHOLE_HANDS[f"open, {side}"], self._model, self._beta, 1000) for on_back, side in _SIDES}
@@ -128,7 +128,7 @@ def _show_albedo(material: bpy.types.Material) -> None:
 
 
 def _disc(at: Aim, model: HandModel, joint: int, offset_mm: tuple, radius_mm: float) -> np.ndarray:
-    """[H, W] the pixels around a place of the posed hand."""
+    """Return the pixels around a place [H, W] of the posed hand."""
     frames = bone_frames(model, at.pose)
     place = frames[joint, :3, 3] + frames[joint, :3, :3] @ (np.array(offset_mm) * (-1, 1, 1)) / 1000
     ((x, y),), (depth_m,) = at.camera.project(place[None])

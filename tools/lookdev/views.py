@@ -75,7 +75,7 @@ class Aim(NamedTuple):
 
 
 def aim(view: HandView, model: HandModel, beta: np.ndarray, size_px: int) -> Aim:
-    """How a right hand is posed and seen in a view, in a square picture."""
+    """Choose how a right hand is posed and seen in a view, in a square picture."""
     theta = theta_of(POSES[view.pose].gesture.angles_deg(), finger_axes(model), matrix_to_axis_angle(UPRIGHT))
     pose = HandPose(theta, beta, np.zeros(3))
     frames = bone_frames(model, pose)

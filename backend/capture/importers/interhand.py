@@ -40,7 +40,7 @@ class InterHandImage:
 
 
 def annotation_file(folder: Path, split: DataSplit, name: File) -> Path:
-    """The path of an annotation file, in the data set's current layout or its older ones.
+    """Find the path of an annotation file, in the data set's current layout or its older ones.
 
     Raises:
         LiveHandError: there is none.
@@ -54,7 +54,7 @@ def annotation_file(folder: Path, split: DataSplit, name: File) -> Path:
 
 
 def read_images(path: Path, capture: int) -> tuple[list[InterHandImage], int]:
-    """The capture's images of a single right hand, ordered by frame and camera, and the number of skipped grey images.
+    """Read the capture's images of a single right hand, ordered by frame and camera, and count the skipped grey images.
 
     Raises:
         LiveHandError: the file is malformed or has no such images.
@@ -90,7 +90,7 @@ def _read_image(entry: Mapping[str, Any]) -> InterHandImage:
 
 
 def read_cameras(path: Path, capture: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """K [3, 3] px and cam2world [4, 4] m of every camera of the capture, by camera id.
+    """Read K [3, 3] px and cam2world [4, 4] m of every camera of the capture, by camera id.
 
     Raises:
         LiveHandError: the file is malformed.
@@ -115,7 +115,7 @@ def _read_camera(entry: Mapping[str, Any], name: str) -> tuple[np.ndarray, np.nd
 
 
 def camera_of_image(K: np.ndarray, cam2world: np.ndarray, size_px: tuple[int, int]) -> Camera:
-    """The camera of an image of `size_px`.
+    """Build the camera of an image of `size_px`.
 
     The images of camera 400412 were resized with width and height swapped. Its principal point is central only in the
     image with swapped sides, and K is scaled like the pixels.
@@ -148,7 +148,7 @@ class NeuralAnnotFit:
 
 
 def read_poses(path: Path, capture: int, hands_mean: np.ndarray) -> dict[int, HandPose]:
-    """The right hand's pose in every frame with a fit; `hands_mean` [15, 3] rad is added.
+    """Read the right hand's pose in every frame with a fit; `hands_mean` [15, 3] rad is added.
 
     Raises:
         LiveHandError: the file is malformed.
@@ -163,7 +163,7 @@ def read_poses(path: Path, capture: int, hands_mean: np.ndarray) -> dict[int, Ha
 
 
 def read_fits(path: Path, capture: int, side: Side) -> dict[int, NeuralAnnotFit | None]:
-    """The fit of one hand in every frame, None where it has none.
+    """Read the fit of one hand in every frame, None where it has none.
 
     Raises:
         LiveHandError: the file is malformed.

@@ -106,7 +106,7 @@ def import_interhand(
 def _read(
     request: InterHandRequest, hands_mean: np.ndarray
 ) -> tuple[list[InterHandImage], int, dict[str, tuple[np.ndarray, np.ndarray]], dict[int, HandPose]]:
-    """Images, number of grey images, calibrations and fits; small files are read first to report faults early."""
+    """Read images, number of grey images, calibrations and fits; small files come first to report faults early."""
     data, camera, mano = (
         annotation_file(request.annotations, request.split, name) for name in ("data", "camera", "MANO_NeuralAnnot")
     )
@@ -142,7 +142,7 @@ def _split(request: InterHandRequest, images: list[InterHandImage]) -> FrameSpli
 def _cameras(
     request: InterHandRequest, images: list[InterHandImage], calibrations: dict[str, tuple[np.ndarray, np.ndarray]]
 ) -> list[Camera]:
-    """The camera of each image, with the size of its file."""
+    """Give each image its camera, with the size of its file."""
 
     def camera_of(image: InterHandImage) -> Camera | str:
         path = _file(request, image)
@@ -174,7 +174,7 @@ def _poses(fits: dict[int, HandPose], frames: tuple[int, ...], shape: Shape, han
 
 
 def with_shape(pose: HandPose, beta: np.ndarray, hand: HandModel) -> HandPose:
-    """The pose with another shape [10], its translation corrected so that the wrist stays in place."""
+    """Replace the pose's shape by another [10], and correct its translation so that the wrist stays in place."""
     wrist_of_beta = np.einsum("v,vck->ck", hand.J_regressor[0], hand.shapedirs)  # [3, 10] m
     return replace(pose, beta=beta, transl=pose.transl + wrist_of_beta @ (pose.beta - beta))
 

@@ -22,7 +22,7 @@ Event = tuple[str, Any]
 
 
 def list_entries(path: Path, keys: Collection[str], buffer_bytes: int = _BUFFER_BYTES) -> Iterator[tuple[str, Any]]:
-    """(key, entry) of the lists that a document {key: [entry, ...], ...} holds under `keys`, in the file's order.
+    """Yield (key, entry) of the lists that a document {key: [entry, ...], ...} holds under `keys`, in file order.
 
     Raises:
         LiveHandError: the file is missing, cut short or not JSON, or lacks one of the lists.
@@ -42,7 +42,7 @@ def list_entries(path: Path, keys: Collection[str], buffer_bytes: int = _BUFFER_
 
 
 def member(path: Path, key: str, buffer_bytes: int = _BUFFER_BYTES) -> Any:
-    """The value that a document {key: value, ...} holds under `key`; one value at a time is in memory.
+    """Yield the value that a document {key: value, ...} holds under `key`; one value at a time is in memory.
 
     Raises:
         LiveHandError: the file is missing, cut short or not JSON, or lacks the key.
@@ -58,7 +58,7 @@ def member(path: Path, key: str, buffer_bytes: int = _BUFFER_BYTES) -> Any:
 
 
 def member_names(path: Path) -> Iterator[str]:
-    """The keys of a document {key: value, ...} in the file's order; a value is read when the next key is requested.
+    """Yield the keys of a document {key: value, ...} in file order; a value is read when the next key is requested.
 
     Raises:
         LiveHandError: the file is missing, cut short or not JSON.
@@ -71,7 +71,7 @@ def member_names(path: Path) -> Iterator[str]:
 
 @contextmanager
 def _events(path: Path, buffer_bytes: int) -> Iterator[Iterator[Event]]:
-    """The file's (event, value) pairs; errors of the file and of its JSON become `LiveHandError`."""
+    """Yield the file's (event, value) pairs; errors of the file and of its JSON become `LiveHandError`."""
     try:
         import ijson
     except ImportError as error:
@@ -90,7 +90,7 @@ def _events(path: Path, buffer_bytes: int) -> Iterator[Iterator[Event]]:
 
 
 def _members(events: Iterator[Event]) -> Iterator[str]:
-    """The keys of the document's object; the caller consumes the value of each before the next."""
+    """Yield the keys of the document's object; the caller consumes the value of each before the next."""
     if next(events) != ("start_map", None):
         raise ValueError("expected an object")
     for _, key in iter(events.__next__, _END_MAP):
@@ -98,7 +98,7 @@ def _members(events: Iterator[Event]) -> Iterator[str]:
 
 
 def _value(first: Event, events: Iterator[Event]) -> Any:
-    """The value whose first event is given; its other events are consumed."""
+    """Build the value whose first event is given; its other events are consumed."""
     event, value = first
     if event == "start_map":
         return {key: _value(next(events), events) for _, key in iter(events.__next__, _END_MAP)}

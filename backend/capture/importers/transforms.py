@@ -80,7 +80,7 @@ def read_pose_table(path: Path, hands_mean: np.ndarray | None = None) -> PoseTab
 def read_transforms(
     path: Path, poses: PoseTable, metres_per_unit: float, allows_outside: bool = False
 ) -> list[TransformsFrame]:
-    """The images of a `transforms.json`, in its order.
+    """Read the images of a `transforms.json`, in its order.
 
     A unit other than the metre scales cameras, lamps and occluders; lamps keep their irradiance on the hand. Images,
     masks and skies must lie in the folder of the file, links followed, unless `allows_outside`.
@@ -138,7 +138,7 @@ class _FrameLights:
         self._read: dict[str, CaptureLight] = {}
 
     def of(self, light: object) -> CaptureLight | None:
-        """The light of a frame's entry or index, None without one."""
+        """Read the light of a frame's entry or index, None without one."""
         if light is None:
             return None
         name, entry = "light", light
@@ -156,7 +156,7 @@ class _FrameLights:
 
 
 def _in_metres(light: CaptureLight, metres_per_unit: float) -> CaptureLight:
-    """The light of a scene in other units; a lamp's power grows with the square of its distance."""
+    """Convert the light of a scene to metres; a lamp's power grows with the square of its distance."""
     if metres_per_unit == 1:
         return light
     lamps = tuple(
@@ -191,7 +191,7 @@ class _Files:
     allows_outside: bool
 
     def path(self, name: object) -> Path:
-        """The path of a name."""
+        """Resolve a name to a path."""
         if self.allows_outside:
             return self.folder / str(name)
         try:
@@ -200,7 +200,7 @@ class _Files:
             raise LiveHandError(f"{error}; move it there, or pass --allow-outside") from error
 
     def image(self, name: object) -> Path:
-        """The file, or the file of this name with an image suffix."""
+        """Find the file, or the file of this name with an image suffix."""
         path = self.path(name)
         for suffix in ("", *_SUFFIXES):
             place = self.path(f"{name}{suffix}")
@@ -212,7 +212,7 @@ class _Files:
         raise LiveHandError(f"no image at {path}")
 
     def mask(self, name: object, size_px: tuple[int, int]) -> Path:
-        """The file of a mask, after a look at its header."""
+        """Find the file of a mask, after a look at its header."""
         path = self.path(name)
         size = read_header(path)[1]
         if size != size_px:

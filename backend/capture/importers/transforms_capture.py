@@ -67,7 +67,7 @@ def import_transforms(
 
 
 def _camera_indices(cameras: list[Camera]) -> list[int]:
-    """The index of each image's camera; equal cameras are one, numbered by their first images."""
+    """Find the index of each image's camera; equal cameras are one, numbered by their first images."""
     seen: dict[bytes, int] = {}
     return [seen.setdefault(camera.K.tobytes() + camera.cam2world.tobytes(), len(seen)) for camera in cameras]
 
@@ -77,7 +77,7 @@ def _last_tenth(count: int) -> set[int]:
 
 
 def _held_out(chosen: Sequence[int] | None, count: int, what: str, default: set[int]) -> set[int]:
-    """The held-out indices: the chosen ones, or the default."""
+    """Choose the held-out indices: the given ones, or the default."""
     held_out = default if chosen is None else set(chosen)
     if not held_out <= set(range(count)) or len(held_out) == count:
         raise LiveHandError(f"held-out {what} must be some, but not all, of 0 to {count - 1}, got {sorted(held_out)}")
@@ -91,6 +91,6 @@ def _held_out_lights(chosen: Sequence[int] | None, count: int) -> set[int]:
 
 
 def _names(number: int, frame: TransformsFrame) -> tuple[str, str | None]:
-    """Names of the image and its mask in the capture, numbered because files in several folders may share names."""
+    """Name the image and its mask in the capture by number, because files in several folders may share names."""
     image = f"images/{number:06d}_{frame.image.name}"
     return image, None if frame.mask is None else f"masks/{number:06d}_{frame.mask.name}"

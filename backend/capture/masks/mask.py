@@ -74,7 +74,7 @@ def hand_regions(
     camera: Camera,
     config: MaskConfig,
 ) -> MaskRegions:
-    """The regions of an image of a posed hand; vertices and joints in m, world."""
+    """Divide an image of a posed hand into regions; vertices and joints in m, world."""
     cv2 = load_opencv()
     silhouette = _silhouette(vertices, faces, camera)
     focal_px, depth_m = np.abs(camera.K.diagonal()[:2]), np.median(camera.project(vertices)[1])
@@ -94,7 +94,7 @@ def hand_regions(
 def grabcut_mask(
     image: UInt8[np.ndarray, "H W 3"], regions: MaskRegions, config: MaskConfig
 ) -> Bool[np.ndarray, "H W"]:
-    """The hand's mask in an sRGB-encoded image; deterministic."""
+    """Find the hand's mask in an sRGB-encoded image; deterministic."""
     mask = np.zeros(regions.silhouette.shape, bool)
     if not regions.silhouette.any():
         return mask
@@ -114,7 +114,7 @@ def _silhouette(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> np.n
 
 
 def _forearm(vertices: np.ndarray, joints: np.ndarray, camera: Camera, length_m: float) -> np.ndarray:
-    """The hull of the mesh's end and of a larger copy of it, farther along the forearm."""
+    """Draw the hull of the mesh's end and of a larger copy of it, farther along the forearm."""
     cv2 = load_opencv()
     direction = joints[_WRIST] - joints[_KNUCKLE]
     direction = direction / np.linalg.norm(direction)
@@ -132,7 +132,7 @@ def _forearm(vertices: np.ndarray, joints: np.ndarray, camera: Camera, length_m:
 
 
 def _dilated(region: np.ndarray, distance_px: np.ndarray) -> np.ndarray:
-    """The region dilated, or eroded if negative, by a distance in x and y of at least one pixel."""
+    """Dilate the region, or erode it if negative, by a distance in x and y of at least one pixel."""
     cv2 = load_opencv()
     radius = np.maximum(np.abs(distance_px).round(), 1).astype(int)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, tuple((2 * radius + 1).tolist()))

@@ -81,7 +81,7 @@ def _needs_mask(capture: Capture, view: CaptureView) -> bool:
 
 
 def _mask_names(folder: Path, views: Iterable[CaptureView]) -> dict[str, str]:
-    """Image -> mask, in the same folder structure."""
+    """Map each image to its mask, in the same folder structure."""
     image_of: dict[str, str] = {}
     for view in views:
         file = PurePosixPath(view.file)
@@ -129,7 +129,7 @@ def _short_of_arm(vertices: np.ndarray, hand: HandModel) -> tuple[np.ndarray, np
 
 
 def _photograph(capture: Capture, view: CaptureView, in_all_lights: Callable[[int, int], np.ndarray]) -> np.ndarray:
-    """[H, W, 3] uint8: the image; of several lights, the picture of all of them."""
+    """Return [H, W, 3] uint8: the image; of several lights, the picture of all of them."""
     if view.light is None and not view.is_linear:
         return read_picture(capture.folder / view.file, "RGB", view.camera.size_px)[1]
     if view.light is None:
@@ -138,7 +138,7 @@ def _photograph(capture: Capture, view: CaptureView, in_all_lights: Callable[[in
 
 
 def _in_all_lights(capture: Capture, pose_index: int, camera_index: int) -> np.ndarray:
-    """[H, W, 3] uint8: the sum of all images of a pose and camera in known lights.
+    """Return [H, W, 3] uint8: the sum of all images of a pose and camera in known lights.
 
     Light groups and photographs of single lamps are dark where their light does not reach.
     """
@@ -153,7 +153,7 @@ def _exposed(linear: np.ndarray) -> np.ndarray:
 
 
 def _linear(capture: Capture, view: CaptureView) -> np.ndarray:
-    """[H, W, 3] linear colours of an image without alpha, its exposure divided out."""
+    """Return [H, W, 3] linear colours of an image without alpha, its exposure divided out."""
     path, size_px = capture.folder / view.file, view.camera.size_px
     if view.is_linear:
         return read_linear_picture(path, size_px, has_mask=True)[..., :3] / view.exposure
@@ -161,7 +161,7 @@ def _linear(capture: Capture, view: CaptureView) -> np.ndarray:
 
 
 def _given_mask(folder: Path, view: CaptureView) -> Path:
-    """The mask of an image `images/a/b.jpg`: `a/b.png`, `images/a/b.png`, or the same with the image's own suffix."""
+    """Find the mask of an image `images/a/b.jpg`: `a/b.png`, `images/a/b.png`, or the same with the image's suffix."""
     file = PurePosixPath(view.file)
     short = file.relative_to("images") if file.parts[0] == "images" else file
     places = [folder / name for name in (short.with_suffix(".png"), file.with_suffix(".png"), short, file)]
@@ -177,7 +177,7 @@ def _write_mask(mask: np.ndarray, path: Path) -> None:
 
 
 def _run_parallel(jobs: list[Callable[[], MaskedView]]) -> list[MaskedView]:
-    """The results in order; the faults of all jobs are raised together."""
+    """Run the jobs and keep their order; the faults of all are raised together."""
     results, faults = [], []
     with ThreadPoolExecutor(os.cpu_count()) as workers:
         futures = [workers.submit(job) for job in jobs]

@@ -35,7 +35,7 @@ class FilmedShots:
 
     @classmethod
     def of(cls, fit: TakeFit, film: FilmCamera, model: HandModel) -> FilmedShots:
-        """The shots of a fit in its camera's axes."""
+        """Make the shots of a fit in its camera's axes."""
         model = model.for_side(fit.motion.side)
         wrists = rest_wrists(model, fit.motion.beta)
         to_world = to_blender("opencv")
@@ -46,31 +46,31 @@ class FilmedShots:
         return cls(motion, Camera(K, to_world, film.size_px), model, fit)
 
     def index_at(self, time_s: float) -> int | None:
-        """The motion's frame at a time of the film; None where the hand has no keys."""
+        """Find the motion's frame at a time of the film; None where the hand has no keys."""
         index = round((time_s - self.fit.start_s) * (self.fit.motion.fps or 30.0))
         return index if 0 <= index < len(self.motion) and self.fit.is_keyed[index] else None
 
     def pose(self, index: int | float) -> HandPose:
-        """The pose of one frame, or between two."""
+        """Return the pose of one frame, or one between two."""
         if index == int(index):
             return self.motion.pose(int(index))
         return sampled_at(self.motion, np.array([index])).pose(0)
 
     def shot(self, index: int | float, scale: float = 1.0) -> Shot:
-        """One frame, or an instant between two, at a share of the film's resolution."""
+        """Make the shot of a frame, or of an instant between two, at a share of the film's resolution."""
         pose = self.pose(index)
         camera = self.camera if scale == 1 else self.camera.scaled(scale)
         return Shot(pose, posed_vertices(self.model, pose), camera, studio_light())
 
     def arm_reach(self, shot: Shot) -> tuple[np.ndarray, float]:
-        """The direction of the forearm [3] in the world, and how far along it the surface reaches, m."""
+        """Measure the direction of the forearm [3] in the world, and how far along it the surface reaches, m."""
         wrist = shot.vertices[np.argsort(self._along_arm)[-_STUMP:]].mean(0)
         palm = shot.vertices[np.abs(self._along_arm - np.median(self._along_arm)) < _BAND_M].mean(0)
         along = (wrist - palm) / np.linalg.norm(wrist - palm)
         return along, float((shot.vertices @ along).max())
 
     def before_the_cut(self, shot: Shot) -> np.ndarray:
-        """[H, W] 1 on the hand's side of the wrist's cut in the picture, 0 on the arm's, soft between them."""
+        """Return [H, W] 1 on the hand's side of the wrist's cut in the picture, 0 on the arm's, soft between them."""
         along, reach_m = self.arm_reach(shot)
         middle = shot.vertices.mean(0)
         cut = middle + along * (reach_m - middle @ along)

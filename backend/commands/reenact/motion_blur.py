@@ -24,7 +24,7 @@ _FASTEST_SHARE = 95  # percentile of the vertices' paths: a fingertip may be all
 def exposed(
     shots: FilmedShots, index: int, render: Callable[[Shot], Frame], shutter_frames: float
 ) -> tuple[Frame, np.ndarray]:
-    """A frame that fades at the wrist's cut, and its alpha [H, W] before that.
+    """Render a frame that fades at the wrist's cut, and its alpha [H, W] before that.
 
     Args:
         shots: the motion and its camera.
@@ -44,7 +44,7 @@ def exposed(
 
 
 def path_px(shots: FilmedShots, index: int, shutter_frames: float) -> float:
-    """How far the faster vertices move in the picture while the shutter is open."""
+    """Measure how far the faster vertices move in the picture while the shutter is open."""
     places = []
     for offset in (-shutter_frames / 2, shutter_frames / 2):
         pose = shots.pose(index + offset)
@@ -53,5 +53,5 @@ def path_px(shots: FilmedShots, index: int, shutter_frames: float) -> float:
 
 
 def sample_count(moved_px: float) -> int:
-    """Renders for a path; one if it is short."""
+    """Count the renders for a path; one if it is short."""
     return 1 if moved_px < _SHARP_PX else min(max(2, ceil(moved_px / _STEP_PX) + 1), _MOST_SAMPLES)

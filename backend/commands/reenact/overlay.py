@@ -17,7 +17,7 @@ _SMOOTH_S = 0.7
 
 
 def over(frame: Frame, ground: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """uint8 [H, W, 3] of a frame over uint8 [H, W, 3], the frame's light multiplied by gain [3]."""
+    """Lay a frame over uint8 [H, W, 3], the frame's light multiplied by gain [3]."""
     rows, columns = _box(frame.alpha > 0)
     alpha = frame.alpha[rows, columns, None]
     hand = frame.rgb[rows, columns] * gain.astype(np.float32)
@@ -28,12 +28,12 @@ def over(frame: Frame, ground: np.ndarray, gain: np.ndarray) -> np.ndarray:
 
 
 def faded(frame: Frame, fade: np.ndarray) -> Frame:
-    """The frame's light and alpha multiplied by fade [H, W]."""
+    """Multiply the frame's light and alpha by fade [H, W]."""
     return Frame(frame.rgb * fade[..., None], frame.alpha * fade, frame.depth, is_lit=frame.is_lit)
 
 
 def wrist_fade(frame: Frame, camera: Camera, along: np.ndarray, reach_m: float) -> np.ndarray:
-    """[H, W] 0 at the cut of the wrist, 1 from 15 mm before it on.
+    """Fade [H, W] from 0 at the cut of the wrist to 1 at 15 mm before it.
 
     Args:
         frame: with depth.
@@ -50,7 +50,7 @@ def wrist_fade(frame: Frame, camera: Camera, along: np.ndarray, reach_m: float) 
 
 
 def colour_gain(frame: Frame, picture: np.ndarray) -> np.ndarray | None:
-    """[3] by which the frame's light must be multiplied to have the picture's colour; None if too little shows."""
+    """Find [3] by which the frame's light must be multiplied to have the picture's colour; None if too little shows."""
     solid = frame.alpha > _SOLID
     if solid.sum() < _LEAST_PIXELS:
         return None
@@ -59,7 +59,7 @@ def colour_gain(frame: Frame, picture: np.ndarray) -> np.ndarray | None:
 
 
 def smooth_gains(times: np.ndarray, gains: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """[T, 3] gains at wanted times [T]: the mean of the logarithms of those measured [N, 3], weighted by nearness."""
+    """Smooth gains [N, 3] to wanted times: [T, 3], means of their logarithms weighted by nearness."""
     distance = (np.asarray(wanted)[:, None] - np.asarray(times)[None]) / _SMOOTH_S
     weights = np.exp(-0.5 * distance**2) + 1e-9
     return np.exp(weights @ np.log(gains) / weights.sum(1, keepdims=True))

@@ -12,7 +12,7 @@ _BAND_ROWS = 64  # at once, which bounds memory
 
 
 def clean_plate(pictures: Sequence[np.ndarray], covered: Sequence[np.ndarray]) -> np.ndarray | None:
-    """uint8 [H, W, 3] the ground; None if the camera moves.
+    """Build the ground, uint8 [H, W, 3]; None if the camera moves.
 
     Args:
         pictures: uint8 [H, W, 3], frames of the footage.
@@ -36,7 +36,7 @@ def clean_plate(pictures: Sequence[np.ndarray], covered: Sequence[np.ndarray]) -
 
 
 def filled(values: np.ndarray, is_known: np.ndarray) -> np.ndarray:
-    """Values [H, W, 3] where they are known [H, W], elsewhere those of ever coarser means around them."""
+    """Fill values [H, W, 3] where they are not known [H, W] by those of ever coarser means around them."""
     if is_known.all() or not is_known.any():
         return values
     height, width = is_known.shape

@@ -76,7 +76,7 @@ def reenacted(
     is_side_by_side: bool,
     shutter_frames: float,
 ) -> Iterator[np.ndarray]:
-    """The footage with each avatar, beside one another, uint8 [H, W * n, 3]; the original first where it is wanted.
+    """Put each avatar over the footage, side by side, uint8 [H, W * n, 3]; the original first where it is wanted.
 
     The shutter is open for so many frames around each; what moves meanwhile is blurred.
     """
@@ -113,7 +113,7 @@ def _depth(shot: Shot) -> float:
 
 
 def _over_plate(picture: np.ndarray, plate: np.ndarray, alpha: np.ndarray, front: np.ndarray) -> np.ndarray:
-    """The picture with the plate around the avatar, where the real hand stands out, softly; the arm stays."""
+    """Lay the plate around the avatar, where the real hand stands out, softly; the arm stays."""
     height, width = alpha.shape
     radius = max(1, round(_MARGIN * width * _SAMPLE_WIDTH_PX / (4 * max(width, _SAMPLE_WIDTH_PX))))
     small = Image.fromarray((alpha > 0.5).astype(np.uint8) * 255).resize((max(1, width // 4), max(1, height // 4)))
@@ -123,7 +123,7 @@ def _over_plate(picture: np.ndarray, plate: np.ndarray, alpha: np.ndarray, front
 
 
 def _grown(mask: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
-    """[H, W] bool, grown by the margin, at the picture's size."""
+    """Grow the mask by the margin: [H, W] bool, at the picture's size."""
     radius = max(1, round(_MARGIN * mask.shape[1]))
     grown = Image.fromarray(mask.astype(np.uint8) * 255).filter(ImageFilter.MaxFilter(2 * radius + 1))
     return np.asarray(grown.resize(size_px, Image.Resampling.NEAREST)) > 0

@@ -42,7 +42,7 @@ class Fire(nn.Module):
         self.expand3x3 = nn.Conv2d(squeeze, expand, 3, padding=1)
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D H W"]:
-        """Twice `expand` channels."""
+        """Compute twice `expand` channels."""
         x = self.squeeze(x).relu()
         return torch.cat([self.expand1x1(x).relu(), self.expand3x3(x).relu()], 1)
 
@@ -59,7 +59,7 @@ class Backbone(nn.Module):
         self.requires_grad_(False)
 
     def forward(self, x: Float[Tensor, "B 3 H W"]) -> list[Tensor]:
-        """The compared features.
+        """Compute the compared features.
 
         Raises:
             LiveHandError: the image is too small for the network.
@@ -78,7 +78,7 @@ class Backbone(nn.Module):
 
 
 def layout_of(weights: dict[str, Tensor]) -> Layout | None:
-    """The network of these weights, which have torchvision's names; None if it is none of the three."""
+    """Recognise the network of these weights, which have torchvision's names; None if it is none of the three."""
     for layout in (_vgg16(), _alexnet(), _squeezenet()):
         expected = nn.ModuleList(layout.layers).state_dict()
         if all(name in weights and weights[name].shape == value.shape for name, value in expected.items()):

@@ -34,7 +34,7 @@ class BasicConv2d(nn.Module):
         self.bn = nn.BatchNorm2d(outputs, eps=0.001)
 
     def forward(self, x: Tensor) -> Tensor:
-        """ReLU of the normalised convolution."""
+        """Apply ReLU to the normalised convolution."""
         return self.bn(self.conv(x)).relu()
 
 
@@ -177,7 +177,7 @@ class InceptionFeatures(nn.Module):
         self.eval().requires_grad_(False)
 
     def forward(self, image: Float[Tensor, "B 3 H W"]) -> Float[Tensor, "B 2048"]:
-        """Features of sRGB-encoded images in [0, 1]."""
+        """Compute features of sRGB-encoded images in [0, 1]."""
         x = 2 * interpolate(image, (_SIDE_PX, _SIDE_PX), mode="bilinear", align_corners=False) - 1
         for name, layer in self.named_children():
             if name in ("Conv2d_3b_1x1", "Mixed_5b"):
@@ -187,7 +187,7 @@ class InceptionFeatures(nn.Module):
 
 
 def load_inception(path: Path) -> InceptionFeatures:
-    """The network with the weights of a file.
+    """Load the network with the weights of a file.
 
     Raises:
         LiveHandError: the file is missing, or of another network.

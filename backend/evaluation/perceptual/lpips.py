@@ -54,7 +54,7 @@ class LpipsDistance(nn.Module):
         self.register_buffer("scale", torch.tensor(_SCALE)[:, None, None])
 
     def forward(self, image: Float[Tensor, "B 3 H W"], target: Float[Tensor, "B 3 H W"]) -> Float[Tensor, ""]:
-        """Mean distance over the batch of sRGB-encoded images in [0, 1]."""
+        """Compute mean distance over the batch of sRGB-encoded images in [0, 1]."""
         pairs = zip(self._features(image), self._features(target), strict=True)
         heads = (getattr(self, f"head{index}") for index in range(len(self.backbone.compared)))
         layers = [(head * (a - b) ** 2).sum(1).mean() for head, (a, b) in zip(heads, pairs, strict=True)]
@@ -66,7 +66,7 @@ class LpipsDistance(nn.Module):
 
 
 def load_lpips(weights_path: Path | None, heads_path: Path | None, range_mode: RangeMode = "standard") -> LpipsDistance:
-    """The distance by the network in `weights_path` (VGG16, AlexNet or SqueezeNet 1.1) and its heads.
+    """Load the distance by the network in `weights_path` (VGG16, AlexNet or SqueezeNet 1.1) and its heads.
 
     Raises:
         LiveHandError: a file is not given, missing, or of another network.
@@ -85,7 +85,7 @@ def load_lpips(weights_path: Path | None, heads_path: Path | None, range_mode: R
 
 
 def _read_heads(path: Path, layout: Layout) -> list[Tensor]:
-    """One weight per channel of each compared layer, named `lin0` or, as published, `lin0.model.1.weight`."""
+    """Read one weight per channel of each compared layer, named `lin0` or, as published, `lin0.model.1.weight`."""
     tensors = {key.split(".")[0]: value for key, value in read_weights(path, _HEAD_FILES).items()}
     heads = [tensors.get(f"lin{index}", torch.empty(0)).flatten() for index in range(len(layout.channels))]
     sizes = tuple(len(head) for head in heads)
@@ -96,7 +96,7 @@ def _read_heads(path: Path, layout: Layout) -> list[Tensor]:
 
 
 def _is_torchvisions(path: Path, layout: Layout) -> bool:
-    """Whether the file is torchvision's own, whose name contains its sha256."""
+    """Tell whether the file is torchvision's own, whose name contains its sha256."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return digest.startswith(Path(layout.file).stem.rsplit("-", 1)[1])

@@ -42,12 +42,12 @@ class PerceptualLoss(nn.Module):
         self.requires_grad_(False)
 
     def forward(self, image: Float[Tensor, "B 3 H W"], target: Float[Tensor, "B 3 H W"]) -> Float[Tensor, ""]:
-        """Distance of sRGB-encoded images in [0, 1]."""
+        """Compute distance of sRGB-encoded images in [0, 1]."""
         pairs = zip(self.features(image), self.features(target), strict=True)
         return torch.stack([(a - b).abs().mean() / (b.mean() + _MIN_FEATURE) for a, b in pairs]).sum()
 
     def features(self, image: Float[Tensor, "B 3 H W"]) -> list[Tensor]:
-        """relu1_2, relu2_2 and relu3_4 of sRGB-encoded images in [0, 1]."""
+        """Compute relu1_2, relu2_2 and relu3_4 of sRGB-encoded images in [0, 1]."""
         hidden, compared = (image - self.mean) / self.std, []
         for k, _, _, is_pooled in _LAYERS:
             hidden = self.layers[str(k)](avg_pool2d(hidden, 2) if is_pooled else hidden).relu()
@@ -57,7 +57,7 @@ class PerceptualLoss(nn.Module):
 
 
 def load_vgg_distance(path: Path | None) -> PerceptualLoss:
-    """The distance with weights from `path` (.safetensors, torchvision's .pth), or torchvision's cache or server.
+    """Load the distance with weights from `path` (.safetensors, torchvision's .pth), or torchvision's cache or server.
 
     Raises:
         LiveHandError: the file does not hold VGG19, or the download failed.

@@ -11,7 +11,7 @@ from ...records.errors import LiveHandError
 
 
 def read_weights(path: Path, wanted: str) -> dict[str, Tensor]:
-    """A network's tensors by name, from a `.safetensors` or a `.pth`; torchvision's prefix `features.` is dropped.
+    """Read a network's tensors by name, from a `.safetensors` or a `.pth`; torchvision's prefix `features.` is dropped.
 
     Args:
         path: the file.
@@ -34,7 +34,7 @@ def read_weights(path: Path, wanted: str) -> dict[str, Tensor]:
 
 
 def fetch_weights(url: str, remedy: str) -> dict[str, Tensor]:
-    """A torchvision checkpoint, from its cache or its download server.
+    """Fetch a torchvision checkpoint, from its cache or its download server.
 
     Raises:
         LiveHandError: the download failed; the message ends in `remedy`.

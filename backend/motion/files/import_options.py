@@ -39,7 +39,7 @@ class ImportOptions:
 
 
 def with_options(file: MotionFile, options: ImportOptions) -> MotionFile:
-    """The file with the user's corrections applied.
+    """Apply the user's corrections to the file.
 
     Raises:
         LiveHandError: a value is not allowed.
@@ -55,7 +55,7 @@ def with_options(file: MotionFile, options: ImportOptions) -> MotionFile:
 def motion_and_warning(
     file: MotionFile, options: ImportOptions, model: HandModel, model_path: Path | None
 ) -> tuple[HandMotion, str | None]:
-    """The motion of a file returned by `with_options`, and a warning if the interpretation looks wrong.
+    """Read the motion of a file returned by `with_options`, and warn if the interpretation looks wrong.
 
     Args:
         file: with the options applied.

@@ -75,7 +75,7 @@ def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
 
 
 def _kind(content: Any) -> str:
-    """What a document is, in words."""
+    """Say in words what a document is."""
     if isinstance(content, dict):
         return f"keys {sorted(content)[:12]}"
     return f"an array {list(content.shape)}" if isinstance(content, np.ndarray) else f"a {type(content).__name__}"
@@ -94,7 +94,7 @@ def open_pose_file(path: Path, capture: int | None = None) -> PoseFile:
 
 
 def pose_files_in(folder: Path) -> list[Path]:
-    """The pose files of a folder that have its most frequent suffix.
+    """List the pose files of a folder that have its most frequent suffix.
 
     Raises:
         LiveHandError: there are none.
@@ -135,7 +135,7 @@ def _open_frame(path: Path) -> PoseFile | None:
 
 
 def _joined(files: Sequence[PoseFile | None], side: Side) -> RawHand | None:
-    """One hand of all files; beta is [N, 10] if it differs between them."""
+    """Join one hand of all files; beta is [N, 10] if it differs between them."""
     parts: list[RawHand] = []
     starts: list[int] = []
     start = 0

@@ -16,7 +16,7 @@ _AXES = {
 
 
 def file_summary(file: MotionFile) -> dict[str, str]:
-    """How the file is interpreted, by label; notes are numbered."""
+    """Word how the file is interpreted, by label; notes are numbered."""
     info = file.info
     facts = {
         "format": info.format,

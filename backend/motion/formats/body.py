@@ -74,7 +74,7 @@ def _read_smplx(document: Document) -> PoseFile:
 
 
 def _hand(body: np.ndarray, side: Side, fingers: np.ndarray) -> RawHand:
-    """A hand on a body with joints [T, 22, 3], axis-angle."""
+    """Read a hand on a body with joints [T, 22, 3], axis-angle."""
     rotation = np.eye(3)
     for joint in _CHAINS[side]:
         rotation = rotation @ axis_angle_to_matrix(body[:, joint])

@@ -59,7 +59,7 @@ def _read(document: Document) -> PoseFile:
 
 
 def _rotations(document: Document, name: str, joints: int) -> np.ndarray:
-    """[N, joints, 3] axis-angle of an entry's rotation matrices."""
+    """Compute [N, joints, 3] axis-angle of an entry's rotation matrices."""
     value = _entry(document, name)
     if value is None:
         raise LiveHandError(f"{document.path} must hold {name}, as HaMeR's output does, got {list(document.entries)}")
@@ -80,7 +80,7 @@ def _is_right(document: Document, count: int) -> tuple[np.ndarray, tuple[str, ..
 
 
 def _positions(document: Document, count: int, is_right: np.ndarray) -> tuple[np.ndarray | None, tuple[str, ...]]:
-    """[N, 3] m with the crop's mirroring undone, and notes; None if the file has no positions.
+    """Read positions [N, 3] m, the crop's mirroring undone, and notes; None if the file has no positions.
 
     In the full image's camera if the file has such positions or the boxes of the crops; else in each crop's camera.
     """
@@ -100,7 +100,7 @@ def _positions(document: Document, count: int, is_right: np.ndarray) -> tuple[np
 
 
 def _in_full_camera(document: Document, camera: np.ndarray, count: int) -> np.ndarray:
-    """[N, 3] m from the crops' weak-perspective cameras (scale, x, y) [N, 3]."""
+    """Return [N, 3] m from the crops' weak-perspective cameras (scale, x, y) [N, 3]."""
     entries = document.entries
     centre = document.array(entries["box_center"], "box_center", (count, 2))
     size_px = document.array(entries["box_size"], "box_size", (count,), (count, 1)).reshape(count)

@@ -16,7 +16,7 @@ _NAME = "InterHand2.6M NeuralAnnot"
 
 
 def is_neural_annot(path: Path) -> bool:
-    """Whether the file has the name that the data set gives it."""
+    """Tell whether the file has the name that the data set gives it."""
     return path.suffix.lower() == ".json" and "neuralannot" in path.stem.lower()
 
 

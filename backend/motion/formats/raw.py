@@ -68,7 +68,7 @@ def _optional_array(document: Document, value: Any, name: str, *shapes: tuple[in
 
 
 def _side(document: Document) -> Side:
-    """The side in the file, else in its name, else right."""
+    """Find the side in the file, else in its name, else right."""
     text = str(document.entries.get("side", document.path.stem)).lower()
     return "left" if "left" in text else "right"
 

@@ -26,7 +26,7 @@ class NaturalPoses(NamedTuple):
     @classmethod
     @cache
     def of_gestures(cls) -> NaturalPoses:
-        """The distribution of mixes of the built-in gestures, widened."""
+        """Fit the distribution of mixes of the built-in gestures, widened."""
         angles = np.deg2rad(sample_angles_deg(np.random.default_rng(0), _SAMPLES)).reshape(_SAMPLES, 45)[:, FREE]
         spread = np.cov(angles.T) * _SPREAD_FACTOR**2 + np.eye(len(FREE)) * np.deg2rad(_EXTRA_SPREAD_DEG) ** 2
         return cls(angles.mean(0), np.linalg.inv(spread))
@@ -34,7 +34,7 @@ class NaturalPoses(NamedTuple):
     @classmethod
     @cache
     def of_library(cls) -> NaturalPoses:
-        """The distribution of the same mixes and, as often, of the pose library, less widened."""
+        """Fit the distribution of the same mixes and, as often, of the pose library, less widened."""
         mixes = sample_angles_deg(np.random.default_rng(0), _SAMPLES).reshape(_SAMPLES, 45)[:, FREE]
         library = np.stack([pose.gesture.angles_deg() for pose in POSES.values()]).reshape(-1, 45)[:, FREE]
         both = np.deg2rad(np.concatenate([mixes, np.repeat(library, _SAMPLES // len(library), 0)]))
@@ -48,12 +48,12 @@ def within_limits(free: np.ndarray) -> np.ndarray:
 
 
 def all_angles(free: np.ndarray) -> np.ndarray:
-    """[T, 5, 3, 3] all angles from the free ones [T, 21]; the others are zero."""
+    """Fill in all angles [T, 5, 3, 3] from the free ones [T, 21]; the others are zero."""
     angles = np.zeros((len(free), 45))
     angles[:, FREE] = free
     return angles.reshape(-1, 5, 3, 3)
 
 
 def free_angles(angles: np.ndarray) -> np.ndarray:
-    """[T, 21] the free angles among all angles [T, 5, 3, 3]."""
+    """Select the free angles [T, 21] among all angles [T, 5, 3, 3]."""
     return angles.reshape(len(angles), 45)[:, FREE]

@@ -8,7 +8,7 @@ import numpy as np
 def solve_pentadiagonal(
     diagonal: np.ndarray, next_ties: np.ndarray, second_ties: np.ndarray, right: np.ndarray
 ) -> np.ndarray:
-    """The solution [T, n] by block elimination, two frames at a time.
+    """Solve for [T, n] by block elimination, two frames at a time.
 
     Args:
         diagonal: [T, n, n] blocks of each frame.
@@ -39,7 +39,7 @@ def solve_pentadiagonal(
 
 
 def _solve_tridiagonal(blocks: np.ndarray, ties: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """[P, m] for blocks [P, m, m] and the ties [P - 1, m, m] above them."""
+    """Solve for [P, m] with blocks [P, m, m] and the ties [P - 1, m, m] above them."""
     eliminated = np.empty((*right.shape, ties.shape[-1] + 1 if len(ties) else 1))
     block, rest = blocks[0], right[0]
     for index in range(len(blocks)):

@@ -57,7 +57,7 @@ class CameraPoses(NamedTuple):
     free: np.ndarray
 
     def stepped(self, step: np.ndarray) -> CameraPoses:
-        """The poses after a step [T, 27] of rotation, place and angles, within the limits."""
+        """Take a step [T, 27] of rotation, place and angles, within the limits."""
         root = axis_angle_to_matrix(step[:, :3]) @ self.root
         return CameraPoses(root, self.wrist + step[:, 3:6], within_limits(self.free + step[:, 6:]))
 
@@ -81,7 +81,7 @@ class Sighting2D:
     times: np.ndarray
 
     def part(self, frames: slice) -> Sighting2D:
-        """Some of the frames."""
+        """Cut out some of the frames."""
         lifted = LiftedLandmarks(*(value[frames] for value in self.lifted))
         rest = (self.world, self.size, self.is_seen, self.times)
         return Sighting2D(lifted, *(value[frames] for value in rest))
@@ -98,7 +98,7 @@ class CameraProblem:
     weights: FitWeights
 
     def initial(self) -> CameraPoses:
-        """The world landmarks' poses, placed in closed form where the picture shows them; linear in time in gaps."""
+        """Place the world landmarks' poses in closed form where the picture shows them, linearly in time in gaps."""
         seen = self.sighting
         rest = np.concatenate([np.zeros((1, 3)), np.cumsum(self.offsets, 1).reshape(20, 3)])
         root, _ = aligned_palm(seen.world, rest)
@@ -128,11 +128,11 @@ class CameraProblem:
         return poses
 
     def posed(self, poses: CameraPoses) -> PosedSkeleton:
-        """The skeleton in the poses."""
+        """Put the skeleton into the poses."""
         return self.skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), self.offsets)
 
     def cost(self, poses: CameraPoses) -> float:
-        """Twice the negative logarithm of the posterior, but for a constant."""
+        """Compute twice the negative logarithm of the posterior, but for a constant."""
         total = 0.0
         for part, seen in self._parts(poses):
             picture = self._residuals(self.posed(part).nodes, seen)
@@ -143,7 +143,7 @@ class CameraProblem:
         return total + float((self._accelerations(poses) ** 2).sum())
 
     def reprojection(self, poses: CameraPoses) -> np.ndarray:
-        """[T] root mean square distance of the landmarks in the picture from the hand's, as a share of its size."""
+        """Measure the root mean square distance [T] of the landmarks in the picture from the hand's, over its size."""
         found = []
         for part, seen in self._parts(poses):
             nodes = self.posed(part).nodes
@@ -162,7 +162,7 @@ class CameraProblem:
         return step
 
     def _normal(self, poses: CameraPoses, seen: Sighting2D) -> tuple[np.ndarray, np.ndarray]:
-        """[T, 27, 27] and [T, 27] of each frame alone."""
+        """Build the normal equations [T, 27, 27] and [T, 27] of each frame alone."""
         posed = self.posed(poses)
         slopes = self._slopes(posed.nodes, node_jacobian(posed)[..., _COLUMNS], seen)
         residual = self._residuals(posed.nodes, seen)
@@ -175,7 +175,7 @@ class CameraProblem:
         return matrix, right
 
     def _add_angles(self, matrix: np.ndarray, right: np.ndarray, poses: CameraPoses, seen: Sighting2D) -> None:
-        """Natural poses and the lifted angles, in place."""
+        """Add natural poses and the lifted angles, in place."""
         natural, lifted = self.weights.prior * self.natural.precision, _angle_precision(seen)
         matrix[:, 6:, 6:] += natural
         right[:, 6:] -= (poses.free - self.natural.mean) @ natural
@@ -184,18 +184,18 @@ class CameraProblem:
         right[:, 6:] -= (poses.free - seen.lifted.free) * lifted
 
     def _residuals(self, nodes: np.ndarray, seen: Sighting2D) -> np.ndarray:
-        """[T, 21, 2] of the places in the picture, in deviations; zero in unseen frames."""
+        """Compute the residuals [T, 21, 2] of the places in the picture, in deviations; zero in unseen frames."""
         depth = np.maximum(nodes[..., 2:], _LEAST_DEPTH_M)
         return (nodes[..., :2] / depth - seen.lifted.places) * _place_precision(seen)[..., None]
 
     def _slopes(self, nodes: np.ndarray, slopes: np.ndarray, seen: Sighting2D) -> np.ndarray:
-        """[T, 21, 2, 27] of these residuals, from the nodes' own [T, 21, 3, 27]."""
+        """Compute the slopes [T, 21, 2, 27] of these residuals, from the nodes' own [T, 21, 3, 27]."""
         depth = np.maximum(nodes[..., 2], _LEAST_DEPTH_M)[..., None, None]
         across = slopes[..., :2, :] - nodes[..., :2, None] / depth * slopes[..., 2:, :]
         return across / depth * _place_precision(seen)[..., None, None]
 
     def _accelerations(self, poses: CameraPoses) -> np.ndarray:
-        """[T - 2, 27] second differences by the frames' times, in deviations."""
+        """Compute [T - 2, 27] second differences by the frames' times, in deviations."""
         if len(poses.wrist) < 3:
             return np.zeros((0, _UNKNOWNS))
         first, _, last = self._second_difference()
@@ -225,7 +225,7 @@ class CameraProblem:
         return next_ties, second_ties
 
     def _second_difference(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coefficients [T - 2] of three frames, per frame^2 at 30 a second."""
+        """Compute coefficients [T - 2] of three frames, per frame^2 at 30 a second."""
         steps = np.diff(self.sighting.times) * 30
         before, after = steps[:-1], steps[1:]
         first, last = 2 / (before * (before + after)), 2 / (after * (before + after))
@@ -243,14 +243,14 @@ class CameraProblem:
 
 
 def at_nodes(landmarks: np.ndarray) -> np.ndarray:
-    """[T, 21, ...] MediaPipe's landmarks in the order of the skeleton's nodes."""
+    """Return [T, 21, ...] MediaPipe's landmarks in the order of the skeleton's nodes."""
     nodes = np.empty_like(landmarks)
     nodes[:, NODES_OF_LANDMARKS] = landmarks
     return nodes
 
 
 def placed(points: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """[T, 3] m by which points [T, 21, 3] must move to be seen at places [T, 21, 2], by least squares.
+    """Find by how much [T, 3] m points [T, 21, 3] must move to be seen at places [T, 21, 2], by least squares.
 
     (x + X) = u (z + Z) is linear in the translation; dividing by the depth found makes it an error in the picture.
     """
@@ -269,17 +269,17 @@ def placed(points: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def _place_precision(seen: Sighting2D) -> np.ndarray:
-    """[T, 21] one over the deviations of places; zero in unseen frames."""
+    """Compute [T, 21] one over the deviations of places; zero in unseen frames."""
     return seen.is_seen[:, None] / seen.lifted.places_sd
 
 
 def _angle_precision(seen: Sighting2D) -> np.ndarray:
-    """[T, 21] one over the variances of free angles; zero in unseen frames."""
+    """Compute [T, 21] one over the variances of free angles; zero in unseen frames."""
     return seen.is_seen[:, None] / seen.lifted.free_sd**2
 
 
 def _nearest_seen(is_seen: np.ndarray) -> np.ndarray:
-    """[T] index of the nearest frame with a hand."""
+    """Find the index [T] of the nearest frame with a hand."""
     seen = np.flatnonzero(is_seen)
     frames = np.arange(len(is_seen))
     after = np.clip(np.searchsorted(seen, frames), 0, len(seen) - 1)

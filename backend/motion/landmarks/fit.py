@@ -112,19 +112,19 @@ def fit_landmarks(
 
 
 def likelier_side(points: np.ndarray, model: HandModel) -> Side:
-    """The side whose fit to landmarks [T, 21, 3] m has the smaller error, in at most 40 frames."""
+    """Choose the side whose fit to landmarks [T, 21, 3] m has the smaller error, in at most 40 frames."""
     errors = side_errors(points, model)
     return min(SIDES, key=errors.__getitem__)
 
 
 def side_errors(points: np.ndarray, model: HandModel) -> dict[Side, float]:
-    """Root mean square distance, m, between landmarks [T, 21, 3] m and a hand of each side, in at most 40 frames."""
+    """Measure the root mean square distance, m, of landmarks [T, 21, 3] m from a hand of each side, in <= 40 frames."""
     some = points[:: max(1, len(points) // _FRAMES_FOR_SIDE)]
     return {side: fit_landmarks(some, model, side).rms_m for side in SIDES}
 
 
 def palm_m(model: HandModel) -> float:
-    """Mean distance of the four knuckles from the wrist, which no pose changes."""
+    """Compute mean distance of the four knuckles from the wrist, which no pose changes."""
     return float(np.linalg.norm(HandSkeleton.of(model).offsets(np.zeros(10))[:4, 0], axis=-1).mean())
 
 
@@ -153,7 +153,7 @@ def _check_reach(nodes: np.ndarray) -> None:
 
 
 def _without_scale(nodes: np.ndarray, scale: float) -> np.ndarray:
-    """Nodes [T, 21, 3] divided by a scale, about each frame's centre."""
+    """Divide nodes [T, 21, 3] by a scale, about each frame's centre."""
     centre = nodes.mean(1, keepdims=True)
     return centre + (nodes - centre) / scale
 
@@ -171,7 +171,7 @@ def _refined(
     natural: NaturalPoses,
     noise: LandmarkNoise,
 ) -> _Poses:
-    """The poses after a few Levenberg-Marquardt steps, for the shape beta."""
+    """Refine the poses by a few Levenberg-Marquardt steps, for the shape beta."""
     parts = []
     for first in range(0, len(nodes), _FRAMES_AT_ONCE):
         frames = slice(first, first + _FRAMES_AT_ONCE)
@@ -221,14 +221,14 @@ class _PoseProblem:
         return self.skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), self.offsets)
 
     def _cost(self, poses: _Poses, posed: PosedSkeleton) -> np.ndarray:
-        """[T] twice the negative logarithm of the posterior, but for a constant."""
+        """Compute [T] twice the negative logarithm of the posterior, but for a constant."""
         misfit = ((self.nodes - posed.nodes) ** 2).sum((1, 2)) / self.deviation_m**2
         off = poses.free - self.natural.mean
         return misfit + ((off @ self.natural.precision) * off).sum(-1)
 
 
 def _fitted_beta(poses: _Poses, nodes: np.ndarray, skeleton: HandSkeleton, noise: LandmarkNoise) -> np.ndarray:
-    """[10] the one beta of all frames, with unit variance a priori; centred nodes are linear in it."""
+    """Fit the one beta [10] of all frames, with unit variance a priori; centred nodes are linear in it."""
     posed = skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), skeleton.offsets(np.zeros(10)))
     rest, slopes = skeleton.shape_terms(posed.rotations)
     rest, slopes, nodes = (values - values.mean(1, keepdims=True) for values in (rest, slopes, nodes))
@@ -238,7 +238,7 @@ def _fitted_beta(poses: _Poses, nodes: np.ndarray, skeleton: HandSkeleton, noise
 
 
 def _motion(poses: _Poses, skeleton: HandSkeleton, beta: np.ndarray, fps: float | None) -> HandMotion:
-    """Of the right hand."""
+    """Convert to the motion of the right hand."""
     local = skeleton.local_rotations(all_angles(poses.free))
     theta = matrix_to_axis_angle(np.concatenate([poses.root[:, None], local], 1))
     transl = poses.wrist - (skeleton.rest[0] + skeleton.shape[0] @ beta)

@@ -13,7 +13,7 @@ _PALM = (0, 1, 5, 9, 13)  # the wrist and the four knuckles among the nodes
 
 
 def aligned_palm(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation [T, 3, 3] and position [T, 3] m of the wrist that best align the rest palm with nodes [T, 21, 3]."""
+    """Align the rest palm best with nodes [T, 21, 3]: rotation [T, 3, 3] and position [T, 3] m of the wrist."""
     palm, rest_palm = points[:, _PALM], rest[list(_PALM)]
     centre, rest_centre = palm.mean(1), rest_palm.mean(0)
     rotation = rotation_between(rest_palm - rest_centre, palm - centre[:, None])
@@ -21,7 +21,7 @@ def aligned_palm(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def aligned_bones(points: np.ndarray, root: np.ndarray, skeleton: HandSkeleton, beta: np.ndarray) -> np.ndarray:
-    """[T, 21] free angles within the limits that point each bone at the next node; the thumb's twist stays zero."""
+    """Point each bone at the next node by free angles [T, 21] within the limits; the thumb's twist stays zero."""
     fingers = points[:, 1:].reshape(len(points), 5, 4, 3)
     bones, offsets = np.diff(fingers, axis=2), skeleton.offsets(beta)
     lowest, highest = np.moveaxis(all_angles(LIMITS.T), 0, 0)  # each [5, 3, 3]
@@ -40,7 +40,7 @@ def aligned_bones(points: np.ndarray, root: np.ndarray, skeleton: HandSkeleton, 
 
 
 def _bend(wanted: np.ndarray, bone: np.ndarray, flexion: np.ndarray, abduction: np.ndarray) -> np.ndarray:
-    """[T, 2] flexion and abduction, rad, that rotate a bone [3] onto directions [T, 3].
+    """Return [T, 2] flexion and abduction, rad, that rotate a bone [3] onto directions [T, 3].
 
     Flexion does not change the component along its own axis, so that component gives the abduction, and the rest the
     flexion.
@@ -59,10 +59,10 @@ def _bend(wanted: np.ndarray, bone: np.ndarray, flexion: np.ndarray, abduction: 
 
 
 def _across(vectors: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """The components of vectors [T, 3] perpendicular to an axis."""
+    """Take the components of vectors [T, 3] perpendicular to an axis."""
     return vectors - (vectors @ axis)[:, None] * axis
 
 
 def _wrapped(angles: np.ndarray) -> np.ndarray:
-    """Angles wrapped to [-pi, pi)."""
+    """Wrap angles to [-pi, pi)."""
     return (angles + np.pi) % (2 * np.pi) - np.pi

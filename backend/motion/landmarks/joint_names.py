@@ -30,12 +30,12 @@ class JointName(NamedTuple):
 
 
 def words(name: str) -> list[str]:
-    """The words and numbers of a name in lower case: `indexFinger_MCP2` -> index, finger, mcp, 2."""
+    """Split a name into words and numbers in lower case: `indexFinger_MCP2` -> index, finger, mcp, 2."""
     return [word.lower() for word in _WORD.findall(name)]
 
 
 def read_joint_name(name_words: list[str]) -> JointName | None:
-    """The joint that words name; None if they name none or hold any other word."""
+    """Find the joint that words name; None if they name none or hold any other word."""
     rest = [word for word in name_words if word not in _FILLERS]
     if rest == ["wrist"]:
         return JointName(0)

@@ -74,7 +74,7 @@ class LandmarkFile:
         picture_camera: PictureCamera | None = None,
         **changes: Any,
     ) -> LandmarkFile:
-        """The same landmarks with fields of `FileInfo` replaced.
+        """Replace fields of `FileInfo` and keep the landmarks.
 
         In a file with both hands, `side` selects one; otherwise it corrects which hand it is.
 
@@ -92,7 +92,7 @@ class LandmarkFile:
         return replace(file, info=replace(info, frames=span, missing=span - len(file.frame_indices)))
 
     def fit(self, model: HandModel) -> LandmarkFit:
-        """The hand model fitted to the landmarks, in the frames with a hand.
+        """Fit the hand model to the landmarks, in the frames with a hand.
 
         Raises:
             LiveHandError: the landmarks are not those of a hand in metres, or of a picture whose camera is not known.
@@ -101,11 +101,11 @@ class LandmarkFile:
         return fit_landmarks(self._points_m(model), model, self.info.side, self.info.fps, noise)
 
     def motion(self, model: HandModel, smooth_frames: float = 0.0) -> HandMotion:
-        """The fitted motion with gaps filled, smoothed by a Gaussian with this standard deviation in frames."""
+        """Fill the gaps of the fitted motion, and smooth it by a Gaussian with this standard deviation in frames."""
         return smoothed(with_gaps_filled(self.fit(model).motion, self.frame_indices), smooth_frames)
 
     def warning(self, model: HandModel) -> str | None:
-        """Why the side is probably wrong; None if the hand bends as one of that side."""
+        """Word why the side is probably wrong; None if the hand bends as one of that side."""
         likelier = likelier_side(self._points_m(model), model)
         return None if likelier == self.info.side else f"the landmarks bend like a {likelier} hand"
 
@@ -127,7 +127,7 @@ class LandmarkFile:
 
 
 def is_landmarks(document: Document) -> bool:
-    """Whether a document holds landmarks of a hand."""
+    """Tell whether a document holds landmarks of a hand."""
     return is_recording(document)
 
 
@@ -155,7 +155,7 @@ def read_landmarks(document: Document) -> LandmarkFile:
 def _by_shape(
     tracks: tuple[Track, ...], is_mediapipe: bool, has_metres: bool
 ) -> tuple[dict[Side, Track], tuple[str, ...]]:
-    """The tracks by the side that their shape has, and how it was found."""
+    """Divide the tracks by the side that their shape has, and say how it was found."""
     bends: list[Side | None] = [_bend(track.points) if has_metres else None for track in tracks]
     labels: list[Side | None] = [_side_of_label(track, is_mediapipe) for track in tracks]
     if len({bend or label for bend, label in zip(bends, labels, strict=True)}) < len(tracks):
@@ -169,7 +169,7 @@ def _by_shape(
 
 
 def _bend(points: np.ndarray) -> Side | None:
-    """The side like whose hand the fingers bend; None if that is not sure."""
+    """Tell like whose hand the fingers bend; None if that is not sure."""
     try:
         errors = side_errors(points, load_default_hand())
     except LiveHandError:  # not in metres: the user may yet change the unit
@@ -200,7 +200,7 @@ def _note(track: Track, side: Side, is_bent: bool, is_mediapipe: bool) -> str | 
 
 
 def _has_translation(points: np.ndarray) -> bool:
-    """Whether a hand [N, 21, 3] moves; MediaPipe's world landmarks are relative to the hand's own centre."""
+    """Tell whether a hand [N, 21, 3] moves; MediaPipe's world landmarks are relative to the hand's own centre."""
     centre = points.mean(1, keepdims=True)
     radius = np.linalg.norm(points - centre, axis=-1).max()
     return bool(np.linalg.norm(centre, axis=-1).max() > radius / 2)

@@ -41,7 +41,7 @@ focal length, and world landmarks [T, 21, 3] in the camera's axes (OpenCV's), of
 
 
 def mediapipe_lifting(places: np.ndarray, world: np.ndarray) -> LiftedLandmarks:
-    """Of MediaPipe's landmarks, by the network."""
+    """Lift MediaPipe's landmarks by the network."""
     view = CanonicalView.of(places)
     mean, log_sd = _network()(view.features(places, world))
     off = mean[:, :42].reshape(-1, 21, 2)
@@ -68,7 +68,7 @@ class CanonicalView(NamedTuple):
 
     @classmethod
     def of(cls, places: np.ndarray) -> CanonicalView:
-        """The view of hands with nodes at places [T, 21, 2]."""
+        """Choose the view of hands with nodes at places [T, 21, 2]."""
         towards = _along_axis(places.mean(1))
         ahead = _projected(places, towards)
         up = ahead[:, _KNUCKLES].mean(1) - ahead[:, 0]
@@ -79,15 +79,15 @@ class CanonicalView(NamedTuple):
         return cls(rotation, turn, middle, np.sqrt(((shown - middle[:, None]) ** 2).sum(-1).mean(1)))
 
     def shown(self, places: np.ndarray) -> np.ndarray:
-        """[T, N, 2] places of the picture in the view."""
+        """Return [T, N, 2] places of the picture in the view."""
         return (_projected(places, self.rotation) - self.middle[:, None]) / self.size[:, None, None]
 
     def back(self, shown: np.ndarray) -> np.ndarray:
-        """[T, N, 2] places of the view in the picture."""
+        """Return [T, N, 2] places of the view in the picture."""
         return _projected(shown * self.size[:, None, None] + self.middle[:, None], self.rotation.swapaxes(1, 2))
 
     def features(self, places: np.ndarray, world: np.ndarray) -> np.ndarray:
-        """[T, 105] what the network is given: the places in the view, the world landmarks turned and of unit size."""
+        """Return [T, 105] what the network gets: places in the view, and the world landmarks turned, of unit size."""
         turned = (world - world.mean(1, keepdims=True)) @ self.turn.swapaxes(1, 2)
         scale = np.sqrt((turned**2).sum(-1).mean(1))[:, None, None]
         parts = (self.shown(places), turned / scale)
@@ -127,7 +127,7 @@ def _network() -> LiftingNetwork:
 
 
 def _along_axis(places: np.ndarray) -> np.ndarray:
-    """[T, 3, 3] the shortest rotations that bring the rays through places [T, 2] onto the camera's axis."""
+    """Compute the shortest rotations [T, 3, 3] that bring the rays through places [T, 2] onto the camera's axis."""
     rays = _rays(places)
     x, y, z = (rays / np.linalg.norm(rays, axis=-1, keepdims=True)).T
     share = 1 / (1 + z)
@@ -136,7 +136,7 @@ def _along_axis(places: np.ndarray) -> np.ndarray:
 
 
 def _about_axis(angle: np.ndarray) -> np.ndarray:
-    """[T, 3, 3] rotations by angles [T] about the camera's axis."""
+    """Compute [T, 3, 3] rotations by angles [T] about the camera's axis."""
     turn = np.zeros((len(angle), 3, 3))
     turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
     turn[:, 1, 0] = np.sin(angle)
@@ -150,6 +150,6 @@ def _rays(places: np.ndarray) -> np.ndarray:
 
 
 def _projected(places: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """[T, N, 2] where places [T, N, 2] are seen after rotations [T, 3, 3]."""
+    """Project places [T, N, 2] to where they are seen after rotations [T, 3, 3]."""
     turned = _rays(places) @ rotation.swapaxes(1, 2)
     return turned[..., :2] / turned[..., 2:]

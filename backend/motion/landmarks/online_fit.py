@@ -66,7 +66,7 @@ class OnlineFit:
         self._poses: CameraPoses | None = None
 
     def follow(self, time_s: float, px: np.ndarray, world: np.ndarray) -> OnlinePose | None:
-        """The hand in the next frame that shows it; None if its landmarks fit no hand.
+        """Fit the hand in the next frame that shows it; None if its landmarks fit no hand.
 
         Args:
             time_s: of the frame, later than the last one's.
@@ -92,7 +92,7 @@ class OnlineFit:
         return OnlinePose(motion_of(last, self._skeleton, self._beta, self._side).pose(0), doubt)
 
     def _recent(self, time_s: float) -> list[_Sighted]:
-        """The last frames that a frame at this time still belongs to."""
+        """Select the last frames that a frame at this time still belongs to."""
         if not self._seen or time_s - self._seen[-1].time_s > LONGEST_GAP_S:
             return []
         return self._seen[-_FRAMES + 1 :]
@@ -105,7 +105,7 @@ class OnlineFit:
         return CameraProblem(sighting, self._skeleton, self._offsets, natural, self._weights)
 
     def _stepped(self, problem: CameraProblem) -> CameraPoses:
-        """Two steps, from where the last frames were and from where the hand goes on to."""
+        """Take two steps, from where the last frames were and from where the hand goes on to."""
         assert self._poses is not None
         count = len(problem.sighting.times)
         known = CameraPoses(*(part[1 - count :] for part in self._poses))
@@ -115,7 +115,7 @@ class OnlineFit:
 
 
 def _ahead(poses: CameraPoses, times: np.ndarray) -> CameraPoses:
-    """The pose of the last of the times if the hand goes on as it did before."""
+    """Extrapolate to the last of the times, as if the hand goes on as it did before."""
     last = CameraPoses(*(part[-1:] for part in poses))
     if len(poses.wrist) < 2:
         return last

@@ -48,7 +48,7 @@ class PictureCamera:
 
 
 def lifted(points: np.ndarray, camera: PictureCamera, palm_m: float) -> np.ndarray:
-    """[N, 21, 3] m in the camera's axes (OpenCV's) of picture landmarks [N, 21, 3].
+    """Return [N, 21, 3] m in the camera's axes (OpenCV's) of picture landmarks [N, 21, 3].
 
     Args:
         points: shares of the picture, z from the wrist.
@@ -70,7 +70,7 @@ def lifted(points: np.ndarray, camera: PictureCamera, palm_m: float) -> np.ndarr
 
 
 def looks_like_picture(points: np.ndarray) -> bool:
-    """Whether unnamed coordinates [N, 21, 3] are a picture's: the wrist's depth is 0, and the hand lies in the picture.
+    """Tell whether unnamed coordinates [N, 21, 3] are a picture's: the wrist's depth is 0, and the hand lies in it.
 
     World landmarks lie around 0, and a tracker's wrist has a depth.
     """

@@ -55,7 +55,7 @@ class Recording(NamedTuple):
 
 
 def is_recording(document: Document) -> bool:
-    """Whether a document holds the points of a hand in some frame; only frames up to the first hand are read."""
+    """Tell whether a document holds the points of a hand in some frame; only frames up to the first hand are read."""
     try:
         frames, _ = _frames_of(document)
         for frame in frames:
@@ -71,7 +71,7 @@ def is_recording(document: Document) -> bool:
 
 
 def read_recording(document: Document) -> Recording:
-    """The hands of every frame.
+    """Read the hands of every frame.
 
     Raises:
         LiveHandError: a frame is malformed, or there are too many.
@@ -102,7 +102,7 @@ def _is_read(frame: Any) -> bool:
 
 
 def _frames_of(document: Document) -> tuple[Frames, Label | None]:
-    """The frames of a document, unread but those of tables, and the label that holds for all of them."""
+    """List the frames of a document, unread but those of tables, and the label that holds for all of them."""
     content = document.content
     if document.path.suffix.lower() == ".csv" and isinstance(content, dict):
         return table_frames(content), None
@@ -122,7 +122,7 @@ def _frames_of(document: Document) -> tuple[Frames, Label | None]:
 
 
 def _named_takes(content: Any) -> Any:
-    """A list of hands, each a name such as 'Left' beside a list of its frames: the frames by the name."""
+    """Sort a list of hands, each a name such as 'Left' beside a list of its frames, by the name."""
     takes = content if isinstance(content, list) and len(content) <= _MOST_IN_RESULT else []
     found = {}
     for take in takes:
@@ -135,7 +135,7 @@ def _named_takes(content: Any) -> Any:
 
 
 def _by_number(frames: Mapping) -> list[Any]:
-    """Frames under their numbers, as a list with None between them."""
+    """List frames under their numbers, with None between them."""
     numbers = {int(str(key)): value for key, value in frames.items()}
     first, last = min(numbers, default=0), max(numbers, default=-1)
     if last - first >= MOST_FRAMES:
@@ -144,7 +144,7 @@ def _by_number(frames: Mapping) -> list[Any]:
 
 
 def _take(frames: Any) -> Frames:
-    """The frames of a list or array; the points of one hand alone are one frame."""
+    """List the frames of a list or array; the points of one hand alone are one frame."""
     if isinstance(frames, np.ndarray) and frames.dtype.kind not in "iuf":
         raise LiveHandError(f"landmarks must hold numbers, got {frames.dtype}")
     is_one = np.size(frames[:1]) > 0 and len(frames) in (21, 25) and is_point(frames[0])
@@ -152,7 +152,7 @@ def _take(frames: Any) -> Frames:
 
 
 def _columns(entries: Mapping[str, Any]) -> list[Any] | None:
-    """The frames of a dictionary of lists over a whole take; None if it is the result of one picture."""
+    """List the frames of a dictionary of lists over a whole take; None if it is the result of one picture."""
     given = holder_label(entries)
     takes = {
         key: value
@@ -193,7 +193,7 @@ def _is_label_list(given: Any, count: int) -> bool:
 
 
 def _numbers(frames: Frames) -> Sequence[int]:
-    """The number of each frame: as the frames say, or counted."""
+    """Find the number of each frame: as the frames say, or counted."""
     numbers = [_number_of(frame) for frame in frames]
     if not numbers or any(number is None for number in numbers):
         return range(len(frames))

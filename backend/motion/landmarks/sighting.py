@@ -64,12 +64,12 @@ class Sighting(NamedTuple):
 
 
 def plain_key(key: object) -> str:
-    """A key without case and signs, so that `handWorldLandmarks` is `hand_world_landmarks`."""
+    """Spell a key without case and signs, so that `handWorldLandmarks` is `hand_world_landmarks`."""
     return re.sub(r"[^a-z0-9]", "", str(key).lower())
 
 
 def sightings(frame: Any, label: Label | None = None, kind: Kind = "points", depth: int = 0) -> list[Sighting]:
-    """The hands of a frame; empty if it has none.
+    """Read the hands of a frame; empty if it has none.
 
     Args:
         frame: a result of a tracker, a list of hands, or the points of one.
@@ -95,7 +95,7 @@ def sightings(frame: Any, label: Label | None = None, kind: Kind = "points", dep
 
 
 def label_of(value: Any, depth: int = 0) -> Label | None:
-    """The label in a text, a category, or the first of a list of them."""
+    """Read the label in a text, a category, or the first of a list of them."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, str):
@@ -116,12 +116,12 @@ def label_of(value: Any, depth: int = 0) -> Label | None:
 
 
 def holder_label(entries: Mapping[str, Any]) -> Any:
-    """The value that labels the hands of a result with plain keys; None if it has none."""
+    """Find the value that labels the hands of a result with plain keys; None if it has none."""
     return next((entries[key] for key in _LABEL_KEYS if key in entries and not _is_nested_hand(entries[key])), None)
 
 
 def points_key(key: str) -> tuple[Label | None, Kind] | None:
-    """What a plain key says of the points under it; None if it is no key of points.
+    """Tell what a plain key says of the points under it; None if it is no key of points.
 
     Holistic trackers know the sides of a body, so that a side in such a key is the hand's own.
     """
@@ -137,20 +137,20 @@ def points_key(key: str) -> tuple[Label | None, Kind] | None:
 
 
 def is_hand_key(key: str) -> bool:
-    """Whether a plain key holds the left or the right hand, however its points are given."""
+    """Tell whether a plain key holds the left or the right hand, however its points are given."""
     match = _NESTED_KEY.fullmatch(key)
     return match is not None and match[1] is not None
 
 
 def is_category(value: Any) -> bool:
-    """Whether a label is a tracker's category, or lists of them, as in the result of one picture."""
+    """Tell whether a label is a tracker's category, or lists of them, as in the result of one picture."""
     while isinstance(value, list | tuple) and value:
         value = value[0]
     return isinstance(value, Mapping)
 
 
 def _of_result(result: Mapping, label: Label | None, kind: Kind, depth: int) -> Iterator[Sighting]:
-    """The hands in the preferred kind of coordinates of a result."""
+    """Read the hands in the preferred kind of coordinates of a result."""
     entries = {plain_key(key): value for key, value in result.items()}
     given = holder_label(entries)
     label = label_of(given) or label
@@ -177,14 +177,14 @@ def _of_result(result: Mapping, label: Label | None, kind: Kind, depth: int) -> 
 
 
 def _labelled(hands: list[Sighting], given: Any, label: Label | None) -> list[Sighting]:
-    """The hands with the label of each, where the result has as many labels as hands."""
+    """Give each hand its label, where the result has as many labels as hands."""
     labels = given if isinstance(given, list | tuple) and len(given) == len(hands) else [label] * len(hands)
     each = [one if isinstance(one, Label) else label_of(one) for one in labels]
     return [hand._replace(label=hand.label if one is None else one) for hand, one in zip(hands, each, strict=True)]
 
 
 def _points(value: Any) -> tuple[np.ndarray, bool] | None:
-    """[21, 3] points and whether they are MediaPipe's; None if the value is not the points of one hand.
+    """Return [21, 3] points and whether they are MediaPipe's; None if the value is not the points of one hand.
 
     Raises:
         ValueError, TypeError, KeyError: it is, and they are malformed.
@@ -221,7 +221,7 @@ def _in_order(values: np.ndarray) -> tuple[np.ndarray, bool]:
 
 
 def _named_points(entries: Mapping) -> tuple[np.ndarray, bool] | None:
-    """The points by joints' names; None if fewer than all 21 are named."""
+    """Sort the points by joints' names; None if fewer than all 21 are named."""
     names = {key: read_joint_name(words(str(key))) for key in entries}
     found = {name.landmark: entries[key] for key, name in names.items() if name and name.landmark is not None}
     if len(found) < 21 or any(value is None for value in found.values()):
@@ -231,7 +231,7 @@ def _named_points(entries: Mapping) -> tuple[np.ndarray, bool] | None:
 
 
 def _position(point: Any) -> list[float]:
-    """x, y, z of a point with named coordinates, a list, or a 4 x 4 matrix, flat ones in column-major order."""
+    """Read x, y, z of a point with named coordinates, a list, or a 4 x 4 matrix, flat ones in column-major order."""
     for _ in range(_DEEPEST):
         key = next((key for key in _POSITIONS if key in point), None) if isinstance(point, Mapping) else None
         if key is None:
@@ -258,7 +258,7 @@ def _number(value: Any) -> float:
 
 
 def is_point(value: Any) -> bool:
-    """Whether a value is one point: named coordinates, 2 or 3 numbers, or a matrix."""
+    """Tell whether a value is one point: named coordinates, 2 or 3 numbers, or a matrix."""
     if isinstance(value, Mapping):
         return any(key in value for key in ("x", *_POSITIONS))
     if not isinstance(value, list | tuple | np.ndarray) or len(value) not in (2, 3, 4, 16):
@@ -282,7 +282,7 @@ def _is_nested(value: Any) -> bool:
 
 
 def _is_nested_hand(value: Any) -> bool:
-    """Whether a key that may label a hand holds the hand itself, as WebXR's input sources do."""
+    """Tell whether a key that may label a hand holds the hand itself, as WebXR's input sources do."""
     return isinstance(value, Mapping) and label_of(value) is None
 
 

@@ -51,17 +51,17 @@ class HandSkeleton:
 
     @classmethod
     def of(cls, model: HandModel) -> HandSkeleton:
-        """The skeleton of a hand model; a left hand is mirrored."""
+        """Build the skeleton of a hand model; a left hand is mirrored."""
         right = model.for_side("right")
         regressor = np.concatenate([right.J_regressor[:1], *(_finger_rows(right, k) for k in range(5))])
         return cls(regressor @ right.v_template, np.einsum("nv,vck->nck", regressor, right.shapedirs), _axes(right))
 
     def offsets(self, beta: np.ndarray) -> np.ndarray:
-        """[5, 4, 3] m: from the wrist to each finger's first joint, then from node to node."""
+        """Compute [5, 4, 3] m: from the wrist to each finger's first joint, then from node to node."""
         return _steps(self.rest + self.shape @ beta)
 
     def pose(self, root: np.ndarray, transl: np.ndarray, angles: np.ndarray, offsets: np.ndarray) -> PosedSkeleton:
-        """The nodes in T poses.
+        """Compute the nodes in T poses.
 
         Args:
             root: [T, 3, 3] rotation of the wrist.
@@ -84,12 +84,12 @@ class HandSkeleton:
         return PosedSkeleton(np.concatenate([transl[:, None], fingers], 1), np.stack(rotations, 2), np.stack(axes, 2))
 
     def local_rotations(self, angles: np.ndarray) -> np.ndarray:
-        """[T, 15, 3, 3] local rotations of the finger joints, in MANO's order, from angles [T, 5, 3, 3]."""
+        """Compute [T, 15, 3, 3] local rotations of the finger joints, in MANO's order, from angles [T, 5, 3, 3]."""
         flexion, abduction, twist = np.moveaxis(_rotation(self.axes, angles), 3, 0)
         return (flexion @ abduction @ twist).reshape(len(angles), 15, 3, 3)
 
     def shape_terms(self, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Posed nodes relative to the wrist, linear in beta: of the mean shape [T, 21, 3], per beta [T, 21, 3, 10]."""
+        """Pose nodes relative to the wrist, linear in beta: of the mean shape [T, 21, 3], per beta [T, 21, 3, 10]."""
         of_rest = _chained(rotations, _steps(self.rest)[..., None])
         of_beta = _chained(rotations, _steps(self.shape))
         wrist = ((0, 0), (1, 0), (0, 0))
@@ -97,7 +97,7 @@ class HandSkeleton:
 
 
 def landmarks_of(model: HandModel, pose: HandPose) -> np.ndarray:
-    """[21, 3] m, world: a posed hand's landmarks in MediaPipe's order, as `fit_landmarks` takes them."""
+    """Return [21, 3] m, world: a posed hand's landmarks in MediaPipe's order, as `fit_landmarks` takes them."""
     from ...hand.lbs import posed_arrays  # with torch, which readers of files can do without
 
     vertices, joints = posed_arrays(model, pose)
@@ -128,7 +128,7 @@ def node_jacobian(posed: PosedSkeleton) -> np.ndarray:
 
 
 def _finger_rows(model: HandModel, finger: int) -> np.ndarray:
-    """[4, V] regressor of a finger's three joints and its tip, which is one vertex.
+    """Return [4, V] regressor of a finger's three joints and its tip, which is one vertex.
 
     Where the last joint moves no vertices, as in a model of a rig without that joint, its bone ends as far behind it as
     the joint before lies ahead.
@@ -146,7 +146,7 @@ def _finger_rows(model: HandModel, finger: int) -> np.ndarray:
 
 
 def _axes(model: HandModel) -> np.ndarray:
-    """[5, 3, 3, 3] the built-in hand's axes, rotated as the bones of the model differ from its own."""
+    """Compute [5, 3, 3, 3] the built-in hand's axes, rotated as the bones of the model differ from its own."""
     builtin, axes = load_default_hand(), FingerAxes.of_default_hand()
     rotation = _shortest_rotations(_bones(builtin), _bones(model))
     three = np.stack([axes.flexion, axes.dorsal, axes.bone], 1)[1:]  # [15, 3, 3]
@@ -154,28 +154,28 @@ def _axes(model: HandModel) -> np.ndarray:
 
 
 def _bones(model: HandModel) -> np.ndarray:
-    """[15, 3] unit, from joint to joint; a finger's last bone continues the one before."""
+    """Compute unit bones [15, 3] from joint to joint; a finger's last bone continues the one before."""
     along = np.roll(model.joints[1:], -1, 0) - model.joints[1:]
     along[2::3] = along[1::3]
     return along / np.linalg.norm(along, axis=-1, keepdims=True)
 
 
 def _shortest_rotations(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """[N, 3, 3] between unit vectors [N, 3] that are not opposite."""
+    """Compute shortest rotations [N, 3, 3] between unit vectors [N, 3] that are not opposite."""
     axis = np.cross(start, end)
     sine, cosine = np.linalg.norm(axis, axis=-1, keepdims=True), (start * end).sum(-1, keepdims=True)
     return axis_angle_to_matrix(axis / np.where(sine > 0, sine, 1) * np.arctan2(sine, cosine))
 
 
 def _steps(nodes: np.ndarray) -> np.ndarray:
-    """[5, 4, 3, ...] differences from node to node, the first from the wrist, of nodes [21, 3, ...]."""
+    """Return [5, 4, 3, ...] differences from node to node, the first from the wrist, of nodes [21, 3, ...]."""
     fingers = nodes[1:].reshape(5, 4, *nodes.shape[1:])
     before = np.concatenate([np.broadcast_to(nodes[0], fingers[:, :1].shape), fingers[:, :-1]], 1)
     return fingers - before
 
 
 def _chained(rotations: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """[T, 20, 3, K] steps [5, 4, 3, K], each rotated by its own of [T, 5, 4, 3, 3], summed along the finger."""
+    """Return [T, 20, 3, K] steps [5, 4, 3, K], each rotated by its own of [T, 5, 4, 3, 3], summed along the finger."""
     summed = np.cumsum(rotations @ steps, 2)
     return summed.reshape(len(rotations), 20, 3, steps.shape[-1])
 

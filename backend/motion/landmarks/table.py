@@ -32,7 +32,7 @@ class _Column(NamedTuple):
 
 
 def table_frames(columns: Mapping[str, np.ndarray]) -> list[list[Sighting]]:
-    """The hands of each frame of a table, from its columns by name.
+    """Read the hands of each frame of a table, from its columns by name.
 
     Raises:
         LiveHandError: it has no landmarks, or not all of a hand's.
@@ -45,7 +45,7 @@ def table_frames(columns: Mapping[str, np.ndarray]) -> list[list[Sighting]]:
 
 
 def _frames_of_columns(columns: Mapping[str, np.ndarray], plain: Mapping[str, np.ndarray]) -> list[list[Sighting]]:
-    """From columns such as x0, y0, z0, landmark_3_z, wrist_x or right_thumb_tip_y."""
+    """Read columns such as x0, y0, z0, landmark_3_z, wrist_x or right_thumb_tip_y."""
     found = {column: columns[name] for name in columns if (column := _read_column(name)) is not None}
     hands = {(column.hand, column.is_world) for column in found}
     chosen = sorted(hand for hand, is_world in hands if is_world or (hand, True) not in hands)
@@ -64,7 +64,7 @@ def _frames_of_columns(columns: Mapping[str, np.ndarray], plain: Mapping[str, np
 
 
 def _points(found: Mapping[_Column, np.ndarray], hand: str, is_world: bool, rows: int) -> tuple[np.ndarray, bool]:
-    """[rows, 21, 3] of one hand's columns, and whether they are MediaPipe's."""
+    """Return [rows, 21, 3] of one hand's columns, and whether they are MediaPipe's."""
     own = {column: values for column, values in found.items() if (column.hand, column.is_world) == (hand, is_world)}
     landmarks = {column.landmark for column in own}
     numbers = sorted(landmark for landmark in landmarks if isinstance(landmark, int))
@@ -108,7 +108,7 @@ def _read_column(name: str) -> _Column | None:
 
 
 def _frames_of_rows(plain: Mapping[str, np.ndarray], landmark: str) -> list[list[Sighting]]:
-    """From a row per landmark: frame, landmark, x, y, z and, if it has one, the hand."""
+    """Read a row per landmark: frame, landmark, x, y, z and, if it has one, the hand."""
     is_world = {"worldx", "worldy", "worldz"} <= plain.keys()
     coordinates = [plain[f"world{axis}" if is_world else axis] for axis in "xyz"]
     if any(values.dtype.kind != "f" for values in coordinates):
@@ -136,7 +136,7 @@ def _is_hand(name: str) -> bool:
 
 
 def _places(landmarks: np.ndarray, is_hand: Sequence[bool]) -> tuple[list[int | None], bool]:
-    """The place of each row among the 21 landmarks, and whether they are MediaPipe's."""
+    """Find the place of each row among the 21 landmarks, and whether they are MediaPipe's."""
     if landmarks.dtype.kind == "f":
         known = sorted({float(value) for value, hand in zip(landmarks, is_hand, strict=True) if hand})
         if len(known) not in _COUNTS:
@@ -154,7 +154,7 @@ def _places(landmarks: np.ndarray, is_hand: Sequence[bool]) -> tuple[list[int | 
 
 
 def _numbers(plain: Mapping[str, np.ndarray], rows: int, is_long: bool = False) -> Sequence[int]:
-    """The frame of each row, from 0: as its column says, by the distinct times, or counted.
+    """Find the frame of each row, from 0: as its column says, by the distinct times, or counted.
 
     Raises:
         LiveHandError: a table with a row per landmark has no frames, or frames lie too far apart.

@@ -81,7 +81,7 @@ class TakeFile:
         beta: np.ndarray | None = None,
         **changes: Any,
     ) -> TakeFile:
-        """The same take with fields of `FileInfo`, the camera or the hand's shape replaced.
+        """Replace fields of `FileInfo`, the camera or the hand's shape, and keep the take.
 
         Raises:
             LiveHandError: a value is not allowed.
@@ -105,7 +105,7 @@ class TakeFile:
         return replace(file, info=replace(info, frames=span, missing=span - len(hand.frames)))
 
     def fit(self, model: HandModel) -> TakeFit:
-        """The hand fitted to the take.
+        """Fit the hand to the take.
 
         Raises:
             LiveHandError: the landmarks are not a hand's.
@@ -117,11 +117,11 @@ class TakeFile:
         return fit_take(hand, self.take.times, camera, model, self.info.side, fps, self.beta)
 
     def motion(self, model: HandModel, smooth_frames: float = 0.0) -> HandMotion:
-        """The fitted motion, its gaps filled."""
+        """Fill the gaps of the fitted motion."""
         return smoothed(self.fit(model).motion, smooth_frames)
 
     def warning(self, model: HandModel) -> str | None:
-        """Why the take is doubtful; None if it is not."""
+        """Word why the take is doubtful; None if it is not."""
         return doubt_of(self.fit(model))
 
     @property
@@ -131,12 +131,12 @@ class TakeFile:
 
 
 def unmirrored(take: FilmedTake) -> FilmedTake:
-    """The take of a film that was mirrored, as if it had not been: its hands are those of the other side."""
+    """Undo a mirrored film's mirroring of the take: its hands are those of the other side."""
     return replace(take, hands=unmirrored_hands(take.hands, take.camera))
 
 
 def unmirrored_hands(hands: Mapping[Side, FilmedHand], camera: FilmCamera) -> dict[Side, FilmedHand]:
-    """The hands that a mirrored film shows, as if it had not been mirrored."""
+    """Undo the mirroring of the hands that a mirrored film shows."""
     return {_other(side): _unmirrored_hand(hand, camera) for side, hand in hands.items()}
 
 
@@ -145,7 +145,7 @@ def _unmirrored_hand(hand: FilmedHand, camera: FilmCamera) -> FilmedHand:
 
 
 def doubt_of(fit: TakeFit) -> str | None:
-    """What the user should look at in a fitted take; None if nothing."""
+    """Word what the user should look at in a fitted take; None if nothing."""
     share = fit.rejected / len(fit.motion)
     return f"the hand was not where it seemed in {100 * share:.0f} % of the frames" if share > _WRONG_SHARE else None
 
@@ -171,7 +171,7 @@ def write_take(take: FilmedTake, path: Path) -> None:
 
 
 def is_take(document: Document) -> bool:
-    """Whether a document is a filmed take."""
+    """Tell whether a document is a filmed take."""
     return {"size_px", "focal_px", "times"} <= document.entries.keys()
 
 

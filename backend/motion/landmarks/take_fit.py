@@ -58,7 +58,7 @@ class FilmCamera:
 
     @classmethod
     def guessed(cls, size_px: tuple[int, int]) -> FilmCamera:
-        """An ordinary camera's: a wrong guess moves the hand nearer or farther and hardly changes its pose."""
+        """Guess an ordinary camera: a wrong guess moves the hand nearer or farther and hardly changes its pose."""
         return cls(size_px, _LONGEST_SIDE_SHARE * max(size_px))
 
 
@@ -122,7 +122,7 @@ def fit_take(
 def motion_of(
     poses: CameraPoses, skeleton: HandSkeleton, beta: np.ndarray, side: Side, fps: float | None = None
 ) -> HandMotion:
-    """A right hand's poses as the motion of a hand of a side."""
+    """Convert a right hand's poses to the motion of a hand of a side."""
     local = skeleton.local_rotations(all_angles(poses.free))
     theta = matrix_to_axis_angle(np.concatenate([poses.root[:, None], local], 1))
     transl = poses.wrist - (skeleton.rest[0] + skeleton.shape[0] @ beta)
@@ -133,7 +133,7 @@ def motion_of(
 def sighted(
     hand: FilmedHand, times: np.ndarray, camera: FilmCamera, side: Side, offsets: np.ndarray, lifting: Lifting
 ) -> Sighting2D:
-    """From the first to the last frame with the hand, as that of a right hand whose bones have offsets [5, 4, 3] m.
+    """Sight a right hand whose bones have offsets [5, 4, 3] m, from the first to the last frame with the hand.
 
     Raises:
         LiveHandError: the landmarks are not those of a hand.
@@ -160,14 +160,14 @@ def sighted(
 
 
 def _filled(values: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
-    """[count, ...] values at these rows, ones elsewhere."""
+    """Spread values over [count, ...] at these rows, ones elsewhere."""
     filled = np.ones((count, *values.shape[1:]))
     filled[rows] = values
     return filled
 
 
 def _segments(seen: Sighting2D) -> list[slice]:
-    """The parts between gaps that are too long to be bridged."""
+    """Split into the parts between gaps that are too long to be bridged."""
     frames = np.flatnonzero(seen.is_seen)
     breaks = np.flatnonzero(np.diff(seen.times[frames]) > LONGEST_GAP_S)
     firsts, lasts = np.r_[frames[0], frames[breaks + 1]], np.r_[frames[breaks], frames[-1]]
@@ -179,7 +179,7 @@ def _cut(problem: CameraProblem, frames: slice) -> CameraProblem:
 
 
 def _fitted(problem: CameraProblem) -> tuple[CameraPoses, np.ndarray, int]:
-    """Poses, doubt [T], number of rejected frames: mistakes of the tracker become gaps and all is fitted again."""
+    """Fit poses, doubt [T], number of rejected frames: mistakes of the tracker become gaps and all is fitted again."""
     poses = problem.solve(problem.initial(), _STEPS)
     doubt = problem.reprojection(poses)
     is_wrong = doubt > DOUBTFUL

@@ -49,7 +49,7 @@ class Tracks(NamedTuple):
 
 
 def follow_hands(recording: Recording) -> Tracks:
-    """The hands of a recording in its best kind of coordinates: world landmarks before those of the picture.
+    """Follow the hands of a recording in its best coordinates: world landmarks before those of the picture.
 
     Raises:
         LiveHandError: no frame has a hand, or hands that appear together have no labels.
@@ -76,7 +76,7 @@ def _is_there(hand: Sighting) -> bool:
 
 
 def _by_hand(frames: Mapping[int, list[Sighting]]) -> tuple[list[dict[int, Sighting]], tuple[str, ...]]:
-    """The frames of each hand, and notes."""
+    """Collect the frames of each hand, and notes."""
     crowded = [number for number, hands in frames.items() if len(hands) > 1]
     if not crowded:
         return _of_single_hands({number: hands[0] for number, hands in frames.items() if hands})
@@ -97,7 +97,7 @@ def _by_hand(frames: Mapping[int, list[Sighting]]) -> tuple[list[dict[int, Sight
 
 
 def _of_single_hands(seen: dict[int, Sighting]) -> tuple[list[dict[int, Sighting]], tuple[str, ...]]:
-    """One hand whose label may flicker, or two that are never there together."""
+    """Follow one hand whose label may flicker, or two that are never there together."""
     sides = {number: hand.label.side for number, hand in seen.items() if hand.label}
     counts = {side: sum(one == side for one in sides.values()) for side in SIDES}
     fewer: Side = "left" if counts["left"] <= counts["right"] else "right"

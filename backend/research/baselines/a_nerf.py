@@ -70,7 +70,7 @@ class JointMlp(nn.Module):
         self.colour = nn.Linear(view_width, 3)
 
     def forward(self, place: Float[Tensor, "S P"], view: Float[Tensor, "S D"]) -> tuple[Tensor, Tensor]:
-        """Raw density [S] and colour [S, 3]."""
+        """Compute raw density [S] and colour [S, 3]."""
         hidden = place
         for index, layer in enumerate(self.trunk):
             hidden = relu(layer(torch.cat([hidden, place], -1) if index == 5 else hidden))
@@ -89,7 +89,7 @@ class ANerfNetworks(nn.Module):
     def forward(
         self, rays: PixelRays, bones: Float[Tensor, "16 4 4"], sharpness: float, generator: torch.Generator | None
     ) -> tuple[Float[Tensor, "R 4"], Float[Tensor, "R 4"]]:
-        """RGBA of the coarse and of the fine network; `generator` jitters samples and densities, as in training."""
+        """Render RGBA of the coarse and the fine network; `generator` jitters samples and densities, as in training."""
         size = self.size
         t = rays.stratified(size.samples, generator)
         coarse, weights = self._render(self.coarse, rays, bones, t, sharpness, generator)
@@ -122,7 +122,7 @@ class ANerfNetworks(nn.Module):
 def encoded_places(
     places: Float[Tensor, "S 16 3"], sharpness: float
 ) -> tuple[Float[Tensor, "S 288"], Float[Tensor, "S 16"]]:
-    """The trunk's inputs for places in bones, m, and the cutoff w_k = 1 - sigmoid(sharpness (v_k - t)).
+    """Encode places in bones, m, for the trunk, with the cutoff w_k = 1 - sigmoid(sharpness (v_k - t)).
 
     Distances, encoded and times w_k, of all joints; then directions, without cutoff.
     """
@@ -135,12 +135,12 @@ def encoded_places(
 
 
 def encoded_views(directions: Float[Tensor, "S 16 3"], cutoff: Float[Tensor, "S 16"]) -> Float[Tensor, "S 432"]:
-    """The ray in every joint's frame, encoded, times the cutoff."""
+    """Encode the ray in every joint's frame, times the cutoff."""
     return (positional_encoding(directions, VIEW_OCTAVES) * cutoff[..., None]).flatten(1)
 
 
 def sharpness_at(progress: float) -> float:
-    """Of the cutoff: 20 at the start, 80 at the end."""
+    """Schedule the cutoff's sharpness: 20 at the start, 80 at the end."""
     return _FIRST_SHARPNESS * _SHARPER**progress
 
 
@@ -179,7 +179,7 @@ class ANerf:
         return Fitted(progress.step, progress.seconds / 60, parameter_count(networks))
 
     def load(self, folder: Path, hand: HandModel, device: torch.device) -> RaysInFrame:
-        """The trained method."""
+        """Load the trained method."""
         networks = load_network(folder, self.name, self._networks(0)).to(device)
 
         def query(rays: PixelRays, bones: Tensor, theta: Tensor) -> Tensor:

@@ -88,11 +88,11 @@ class AvatarRow:
         return Fitted(result.progress.step, result.progress.seconds / 60, parameters, remarks)
 
     def load(self, folder: Path, hand: HandModel, device: torch.device) -> ShotRenderer:
-        """The avatar's renderer."""
+        """Load the avatar's renderer."""
         return Renderer(load_avatar(folder / AVATAR_FILE), hand, device.type)
 
     def with_samples(self, count: int) -> AvatarRow:
-        """The same with another number of samples a ray."""
+        """Return the same with another number of samples a ray."""
         sampler = replace(self.config.sampler, samples_per_ray=count)
         return replace(self, config=replace(self.config, sampler=sampler))
 
@@ -114,7 +114,7 @@ def _row(
     loss: LossConfig = FROM_THE_START,
     is_perceptual_needed: bool = False,
 ) -> AvatarRow:
-    """A row that differs from the paper's in one thing."""
+    """Make a row that differs from the paper's in one thing."""
     return AvatarRow(name, label, tables, notes, change(_PAPER), loss, is_perceptual_needed)
 
 

@@ -30,7 +30,7 @@ class DrawnSurface(NamedTuple):
 
 
 def drawn_surface(mesh: PosedMesh, topology: Topology, camera: CameraTensors) -> DrawnSurface:
-    """What each pixel shows of the mesh's front faces."""
+    """Draw what each pixel shows of the mesh's front faces."""
     fragments = rasterise(*project(camera, mesh.vertices), topology.faces, camera.size_px)
     pixel, face, depth = (values[fragments.is_front] for values in fragments[:3])
     first = nearest_of_each(pixel, depth)
@@ -41,7 +41,7 @@ def drawn_surface(mesh: PosedMesh, topology: Topology, camera: CameraTensors) ->
 
 
 def nearest_of_each(key: Int[Tensor, " N"], value: Float[Tensor, " N"]) -> Int[Tensor, " K"]:
-    """The index of the least value of each key, keys ascending."""
+    """Find the index of the least value of each key, keys ascending."""
     order = torch.argsort(value)
     order = order[torch.argsort(key[order], stable=True)]
     sorted_key = key[order]
@@ -51,7 +51,7 @@ def nearest_of_each(key: Int[Tensor, " N"], value: Float[Tensor, " N"]) -> Int[T
 
 
 def depth_map(surface: DrawnSurface, size_px: tuple[int, int]) -> Float[Tensor, "H W"]:
-    """Depth per pixel, infinite where there is no surface, m."""
+    """Compute depth per pixel, infinite where there is no surface, m."""
     width, height = size_px
     empty = surface.depth.new_full((height * width,), torch.inf)
     return empty.index_put((surface.pixel,), surface.depth).reshape(height, width)
@@ -60,7 +60,7 @@ def depth_map(surface: DrawnSurface, size_px: tuple[int, int]) -> Float[Tensor, 
 def normal_map(
     mesh: PosedMesh, topology: Topology, camera: CameraTensors, surface: DrawnSurface
 ) -> Float[Tensor, "3 H W"]:
-    """Normals in the camera's axes, zero where there is no surface."""
+    """Draw normals in the camera's axes, zero where there is no surface."""
     normals = torch.nn.functional.normalize(interpolate(mesh.normals, topology, surface.samples), dim=-1)
     width, height = camera.size_px
     image = normals.new_zeros(height * width, 3).index_put((surface.pixel,), normals @ camera.world2cam[:3, :3].T)

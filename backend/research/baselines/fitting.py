@@ -66,14 +66,14 @@ def fit_network(
 
 
 def identity_of(capture: Capture, config: TrainConfig, views: Sequence, kind: str, version: int) -> str:
-    """What determines the result of a fit."""
+    """Collect what determines the result of a fit."""
     return dumps([kind, version, asdict(config), capture.provenance, len(views)])
 
 
 def _step(
     network: nn.Module, optimiser: torch.optim.Optimizer, step_loss: StepLoss, state: ScheduleState
 ) -> tuple[Tensor, tuple[str, ...]]:
-    """One step; nothing changes unless loss and gradients are finite."""
+    """Take one step; nothing changes unless loss and gradients are finite."""
     set_rates(optimiser, state.rate_factor)
     optimiser.zero_grad(set_to_none=True)
     loss, files = step_loss(state)

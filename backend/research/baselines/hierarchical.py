@@ -75,7 +75,7 @@ class NearSkin:
         self._face_of_vertex = of_vertex.scatter_reduce(0, faces.flatten(), of_corner, "amin", include_self=False)
 
     def at(self, points: Float[Tensor, "S 3"]) -> SurfaceSamples:
-        """The surface point below each; heights in the template's metres, far ones only roughly."""
+        """Find the surface point below each; heights in the template's metres, far ones only roughly."""
         distance, vertex = self._tree.query(points.detach().cpu().numpy())
         distance, vertex = (torch.as_tensor(values, device=points.device) for values in (distance, vertex))
         face = self._face_of_vertex[vertex]
@@ -106,7 +106,7 @@ class HierarchicalNetworks(nn.Module):
     def forward(
         self, rays: PixelRays, skin: NearSkin, topology: Topology, theta: Float[Tensor, " 48"], jitter: Tensor | None
     ) -> tuple[Composite, Composite]:
-        """The coarse and the fine field's composites; `jitter` [R, 64] in (0, 1) moves the samples in their strata."""
+        """Composite the coarse and the fine field; `jitter` [R, 64] in (0, 1) moves the samples in their strata."""
         count = len(rays.near)
         even = strata(count, COARSE, rays.near, None)
         moved = even if jitter is None else even + (jitter[:, :COARSE] - 0.5) / COARSE
@@ -145,7 +145,7 @@ class _Scene(NamedTuple):
 def _rendered(
     networks: HierarchicalNetworks, rays: PixelRays, scene: _Scene, jitter: Tensor | None
 ) -> tuple[Composite, Composite]:
-    """All rays in chunks; with gradients, a chunk's samples are computed again rather than kept."""
+    """Render all rays in chunks; with gradients, a chunk's samples are computed again rather than kept."""
     parts = []
     for chunk in torch.arange(len(rays.pixel), device=rays.pixel.device).split(_RAYS_AT_ONCE):
         some = None if jitter is None else jitter[chunk]
@@ -163,7 +163,7 @@ def _joined(parts: tuple[Composite, ...]) -> Composite:
 
 
 def box_rays(mesh: PosedMesh, camera: CameraTensors) -> PixelRays:
-    """The rays that meet the box around the hand's shell, from where they enter it to where they leave."""
+    """Select the rays that meet the box around the hand's shell, from where they enter it to where they leave."""
     reach = SHELL_M * mesh.scale
     low, high = mesh.vertices.amin(0) - reach, mesh.vertices.amax(0) + reach
     pixel = camera.every_pixel
@@ -224,7 +224,7 @@ class Hierarchical:
         return Fitted(progress.step, progress.seconds / 60, parameter_count(networks))
 
     def load(self, folder: Path, hand: HandModel, device: torch.device) -> BoxRenderer:
-        """The trained method."""
+        """Load the trained method."""
         networks = load_network(folder, self.name, self._networks(0)).to(device)
         assert isinstance(networks, HierarchicalNetworks)
         return BoxRenderer(hand, networks, device)
@@ -259,7 +259,7 @@ class BoxRenderer:
 
     @torch.inference_mode()
     def render(self, shot: Shot, *, on_stage: OnStage = no_stage) -> Frame:
-        """As `ShotRenderer`."""
+        """Render as `ShotRenderer` does."""
         on_stage("pose")
         mesh, topology = self._meshes.mesh(shot)
         crop = crop_of(mesh, shot.camera, _SAMPLER)

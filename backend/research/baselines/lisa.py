@@ -52,7 +52,7 @@ class BoneMlps(nn.Module):
         self.pose = _uniform(BONES, 48, WIDTH, fan=48)
 
     def forward(self, encoded: Float[Tensor, "16 S 39"], theta: Float[Tensor, " 48"]) -> Float[Tensor, "16 S O"]:
-        """Each bone's outputs."""
+        """Compute each bone's outputs."""
         of_pose = torch.einsum("p,kpw->kw", theta, self.pose)[:, None]
         hidden = encoded
         for index, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
@@ -90,7 +90,7 @@ class LisaField(nn.Module):
     def shapes(
         self, places_mm: Float[Tensor, "S 16 3"], encoded: Float[Tensor, "16 S 39"], theta: Float[Tensor, " 48"]
     ) -> tuple[Float[Tensor, "S 16"], Float[Tensor, "S 16"]]:
-        """Each bone's signed distance, mm, and the logit of its weight; both start from the bone's capsule."""
+        """Compute each bone's signed distance, mm, and its weight's logit; both start from the bone's capsule."""
         found = self.shape(encoded, theta)
         capsule = capsule_distance(places_mm, self.segments_mm, self.radius_mm)
         return capsule + found[..., 0].T, found[..., 1].T - capsule / _SOFTNESS_MM
@@ -108,13 +108,13 @@ class LisaField(nn.Module):
 def blended(
     distance: Float[Tensor, "S 16"], colour: Float[Tensor, "S 16 3"], logit: Float[Tensor, "S 16"]
 ) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 3"]]:
-    """Distance and colour with the weights softmax(logit)."""
+    """Blend distance and colour with the weights softmax(logit)."""
     weight = logit.softmax(-1)
     return (weight * distance).sum(-1), (weight[..., None] * colour).sum(1)
 
 
 def laplace_density(distance: Float[Tensor, "*n"], b: Tensor) -> Float[Tensor, "*n"]:
-    """(1 / b) Psi_b(-s) per unit of length: 1 / b deep inside, 0 far outside."""
+    """Compute (1 / b) Psi_b(-s) per unit of length: 1 / b deep inside, 0 far outside."""
     half = 0.5 * torch.exp(-distance.abs() / b)
     return torch.where(distance > 0, half, 1 - half) / b
 
@@ -122,7 +122,7 @@ def laplace_density(distance: Float[Tensor, "*n"], b: Tensor) -> Float[Tensor, "
 def capsule_distance(
     places: Float[Tensor, "S 16 3"], segments: Float[Tensor, "16 M 2 3"], radius: Float[Tensor, " 16"]
 ) -> Float[Tensor, "S 16"]:
-    """Distance to the nearest of each bone's lines, less its radius."""
+    """Compute distance to the nearest of each bone's lines, less its radius."""
     start, along = segments[:, :, 0], segments[:, :, 1] - segments[:, :, 0]
     offset = places[:, :, None, :] - start
     share = ((offset * along).sum(-1) / (along**2).sum(-1).clamp(min=1e-9)).clamp(0, 1)
@@ -131,7 +131,7 @@ def capsule_distance(
 
 
 def capsules(hand: HandModel) -> tuple[Float[Tensor, "16 5 2 3"], Float[Tensor, " 16"]]:
-    """The lines of each bone at rest, in its frame, mm: to the next joints; from a last joint to the fingertip."""
+    """Draw each bone at rest as lines in its frame, mm: to the next joints; from a last joint to the fingertip."""
     joints, children = hand.joints, [np.flatnonzero(hand.parents == k) for k in range(BONES)]
     segments = np.zeros((BONES, 5, 2, 3))
     for k in range(BONES):
@@ -143,7 +143,7 @@ def capsules(hand: HandModel) -> tuple[Float[Tensor, "16 5 2 3"], Float[Tensor, 
 
 
 def _tip(hand: HandModel, joint: int) -> np.ndarray:
-    """The end of a finger's last bone, a radius before its skin."""
+    """Find the end of a finger's last bone, a radius before its skin."""
     towards = hand.joints[joint] - hand.joints[hand.parents[joint]]
     towards = towards / np.linalg.norm(towards)
     own = hand.v_template[hand.lbs_weights[:, joint] > 0.5] - hand.joints[joint]
@@ -158,7 +158,7 @@ def render_rays(
     theta: Float[Tensor, "16 3"],
     generator: torch.Generator | None = None,
 ) -> tuple[Float[Tensor, "R 4"], Float[Tensor, "S 16"], Float[Tensor, "S 3"]]:
-    """RGBA, and of all samples the bones' log weights and the places in the world, m."""
+    """Render RGBA, and of all samples the bones' log weights and the places in the world, m."""
     t = rays.stratified(SAMPLES, generator)
     points = rays.points(t).flatten(0, 1)
     places_mm = 1000 / rays.scale * points_in_bones(points, bones)
@@ -203,7 +203,7 @@ class Lisa:
         return Fitted(progress.step, progress.seconds / 60, parameter_count(field))
 
     def load(self, folder: Path, hand: HandModel, device: torch.device) -> RaysInFrame:
-        """The trained method."""
+        """Load the trained method."""
         field = load_network(folder, self.name, self._field(hand, 0)).to(device)
         assert isinstance(field, LisaField)
 
@@ -227,7 +227,7 @@ class _NearestSkinning:
         self._trees: dict[str, KDTree] = {}
 
     def at(self, points: Float[Tensor, "S 3"], file: str) -> Float[Tensor, "S 16"]:
-        """Weights at world points of the pose of an image."""
+        """Compute weights at world points of the pose of an image."""
         if file not in self._trees:
             index = next(k for k, view in enumerate(self._views.views) if view.file == file)
             self._trees[file] = KDTree(self._views.window(index).mesh.vertices.cpu().numpy())
@@ -248,7 +248,7 @@ def _loss(
 
 
 def _eikonal(field: LisaField, points: Float[Tensor, "S 3"], part: RayBatch) -> Tensor:
-    """Mean squared difference from 1 of the blended distance's slope."""
+    """Compute mean squared difference from 1 of the blended distance's slope."""
     places = (points * 1000 / part.rays.scale).detach().requires_grad_()
     bones = part.bones.clone()
     bones[:, :3, 3] *= 1000 / part.rays.scale
@@ -260,7 +260,7 @@ def _eikonal(field: LisaField, points: Float[Tensor, "S 3"], part: RayBatch) -> 
 
 
 def encoded_in_bones(places_mm: Float[Tensor, "S 16 3"]) -> Float[Tensor, "16 S 39"]:
-    """The networks' inputs, bone by bone."""
+    """Encode the networks' inputs, bone by bone."""
     return positional_encoding(places_mm / UNIT_MM, OCTAVES).transpose(0, 1)
 
 

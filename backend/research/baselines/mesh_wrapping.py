@@ -53,7 +53,7 @@ class MeshWrapping:
     resolution: int = RESOLUTION
 
     def fit(self, capture: Capture, hand: HandModel, budget: Budget, folder: Path, machine: FittingMachine) -> Fitted:
-        """One pass over the views; as short as it is, it is not resumed but repeated.
+        """Pass once over the views; as short as it is, it is not resumed but repeated.
 
         Beside the method's own file, the texture is written as a picture that the hand's mesh can wear in Blender.
         """
@@ -77,7 +77,7 @@ class MeshWrapping:
         return Fitted(0, seconds / 60, 3 * self.resolution**2, remarks)
 
     def load(self, folder: Path, hand: HandModel, device: torch.device) -> TexturedMesh:
-        """The textured mesh."""
+        """Load the textured mesh."""
         tensors, _ = load_method(folder, self.name)
         return TexturedMesh(hand, tensors["texture"].float().to(device), device)
 
@@ -94,7 +94,7 @@ class TexturedMesh:
 
     @torch.inference_mode()
     def render(self, shot: Shot, *, on_stage: OnStage = no_stage) -> Frame:
-        """As `ShotRenderer`."""
+        """Render as `ShotRenderer` does."""
         on_stage("pose")
         mesh, topology = self._meshes.mesh(shot)
         window = self._meshes.window(shot, mesh)
@@ -108,12 +108,12 @@ class TexturedMesh:
 
 
 def as_picture(texture: Tensor) -> np.ndarray:
-    """[N, N, 3] uint8 with v upwards, as Blender and most programs have textures."""
+    """Return [N, N, 3] uint8 with v upwards, as Blender and most programs have textures."""
     return (texture.flip(0).clamp(0, 1) * 255).round().byte().cpu().numpy()
 
 
 def flattest_pose(poses: Sequence[HandPose], views: Sequence[CaptureView]) -> int:
-    """The pose, among those of the views, whose 15 finger joints are bent least from the template, rms."""
+    """Choose the pose, among those of the views, whose 15 finger joints are bent least from the template, rms."""
     seen = sorted({view.pose_index for view in views})
     bends = [float(np.sqrt((poses[index].theta[1:] ** 2).sum(1).mean())) for index in seen]
     return seen[int(np.argmin(bends))]

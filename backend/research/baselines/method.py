@@ -32,7 +32,7 @@ class Budget:
     core_minutes: float | None = None
 
     def train_config(self, share: float = 1.0, **settings: Any) -> TrainConfig:
-        """The settings of an optimisation with this budget; its clock must be the processor's.
+        """Choose the settings of an optimisation with this budget; its clock must be the processor's.
 
         Args:
             share: of the steps, for methods whose steps see several images.
@@ -107,5 +107,5 @@ class Method(Protocol):
         ...
 
     def load(self, folder: Path, hand: HandModel, device: torch.device) -> ShotRenderer:
-        """The fitted method."""
+        """Load the fitted method."""
         ...

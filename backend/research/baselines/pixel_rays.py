@@ -52,27 +52,27 @@ class PixelRays(NamedTuple):
     scale: Tensor
 
     def chosen(self, index: Tensor) -> PixelRays:
-        """Some of the rays."""
+        """Select some of the rays."""
         pixel, directions, near, far = (x[index] for x in (self.pixel, self.directions, self.near, self.far))
         return PixelRays(pixel, self.origin, directions, near, far, self.scale)
 
     def points(self, t: Float[Tensor, "R N"]) -> Float[Tensor, "R N 3"]:
-        """World points at these depths, m."""
+        """Compute world points at these depths, m."""
         return self.origin + t[..., None] * self.directions[:, None, :]
 
     def steps_mm(self, t: Float[Tensor, "R N"]) -> Float[Tensor, "R N"]:
-        """From each sample to the next, the last one to `far`; a ray's end is never opaque by itself."""
+        """Measure from each sample to the next, the last one to `far`; a ray's end is never opaque by itself."""
         ends = torch.cat([t[:, 1:], self.far[:, None]], 1)
         return (ends - t).clamp(min=0) * self.directions.norm(dim=-1)[:, None] / self.scale * 1000
 
     def stratified(self, count: int, generator: torch.Generator | None) -> Float[Tensor, "R N"]:
-        """Depths in equal strata between near and far."""
+        """Draw depths in equal strata between near and far."""
         at = strata(len(self.near), count, self.near, generator)
         return self.near[:, None] + at * (self.far - self.near)[:, None]
 
 
 def pixel_rays(mesh: PosedMesh, topology: Topology, camera: CameraTensors) -> PixelRays:
-    """All rays that meet the inflated mesh."""
+    """Find all rays that meet the inflated mesh."""
     vertices = mesh.vertices + INFLATED_M * mesh.scale * mesh.normals
     fragments = rasterise(*project(camera, vertices), topology.faces, camera.size_px)
     empty = mesh.vertices.new_full((camera.size_px[0] * camera.size_px[1],), torch.inf)
@@ -86,7 +86,7 @@ def pixel_rays(mesh: PosedMesh, topology: Topology, camera: CameraTensors) -> Pi
 def composite_steps(
     density: Float[Tensor, "R N"], channels: Float[Tensor, "R N C"], steps: Float[Tensor, "R N"]
 ) -> tuple[Float[Tensor, "R C"], Float[Tensor, " R"], Float[Tensor, "R N"]]:
-    """Premultiplied channels, alpha, and the samples' weights, of densities per unit of the steps."""
+    """Composite densities per unit of the steps: premultiplied channels, alpha, and the samples' weights."""
     optical = density * steps
     before = torch.exp(-(optical.cumsum(1) - optical))
     weights = before * -torch.expm1(-optical)
@@ -96,7 +96,7 @@ def composite_steps(
 def importance_samples(
     t: Float[Tensor, "R N"], weights: Float[Tensor, "R N"], far: Float[Tensor, " R"], at: Float[Tensor, "R M"]
 ) -> Float[Tensor, "R M"]:
-    """Depths distributed as a histogram: bin i, from t_i to t_i+1 (the last to `far`), has the weight w_i.
+    """Draw depths from a histogram: bin i, from t_i to t_i+1 (the last to `far`), has the weight w_i.
 
     `at` are the quantiles in (0, 1), ascending. Weights are detached; a ray without any is sampled evenly.
     """
@@ -139,11 +139,11 @@ class RayBatches:
         self._rays: dict[int, PixelRays] = {}
 
     def generator(self, step: int) -> torch.Generator:
-        """Of a step."""
+        """Seed the generator of a step."""
         return torch.Generator(self.views.device).manual_seed(self.seed * 1_000_003 + step)
 
     def at(self, generator: torch.Generator) -> list[RayBatch]:
-        """The batches of a step, one for each of its views."""
+        """Draw the batches of a step, one for each of its views."""
         device = self.views.device
         count = min(self.views_per_step, len(self.views))
         chosen = torch.randperm(len(self.views), generator=generator, device=device)[:count].tolist()
@@ -178,7 +178,7 @@ class RaysInFrame:
 
     @torch.inference_mode()
     def render(self, shot: Shot, *, on_stage: OnStage = no_stage) -> Frame:
-        """As `ShotRenderer`."""
+        """Render as `ShotRenderer` does."""
         on_stage("pose")
         mesh, topology = self._meshes.mesh(shot)
         check_on_pose(shot, self.hand)

@@ -60,7 +60,7 @@ class PosedViews(TrainingViews):
             raise LiveHandError(f"capture {capture.folder} must have training images that show the hand, got none")
 
     def window(self, index: int) -> PosedWindow:
-        """View `index`."""
+        """Return the window of view `index`."""
         view, crop = self.views[index], self._crops[index]
         mesh, _ = self._poses[view.pose_index]
         camera = camera_tensors(crop.camera_of(view.camera).scaled(2.0), self.device)
@@ -70,7 +70,7 @@ class PosedViews(TrainingViews):
         return PosedWindow(view.file, camera, target, is_inside, mesh, bones, theta, view.pose_index)
 
     def low_camera(self, index: int) -> Camera:
-        """The camera of view `index`'s window at half resolution."""
+        """Return the camera of view `index`'s window at half resolution."""
         return self._crops[index].camera_of(self.views[index].camera)
 
     @cached_property
@@ -81,7 +81,7 @@ class PosedViews(TrainingViews):
         return torch.as_tensor(values, dtype=torch.float32, device=self.device)
 
     def _visibility(self, mesh: PosedMesh) -> Tensor:
-        """None: no baseline knows of shadows."""
+        """Return None: no baseline knows of shadows."""
         return mesh.vertices.new_zeros(len(mesh.vertices), 0)
 
 
@@ -98,7 +98,7 @@ class ShotMeshes:
         self._topologies: dict[Side, Topology] = {}
 
     def mesh(self, shot: Shot) -> tuple[PosedMesh, Topology]:
-        """The shot's mesh.
+        """Build the shot's mesh.
 
         Raises:
             LiveHandError: it is not of the model.
@@ -115,7 +115,7 @@ class ShotMeshes:
         return posed_mesh(self._topologies[side], vertices), self._topologies[side]
 
     def window(self, shot: Shot, mesh: PosedMesh) -> tuple[Crop, CameraTensors] | None:
-        """The window around the hand and its camera at full resolution; None: nothing is in view."""
+        """Find the window around the hand and its camera at full resolution; None: nothing is in view."""
         crop = crop_of(mesh, shot.camera, REACH)
         if crop is None:
             return None

@@ -91,7 +91,7 @@ class SmplPix:
         return Fitted(progress.step, progress.seconds / 60, parameter_count(network))
 
     def load(self, folder: Path, hand: HandModel, device: torch.device) -> DrawnHand:
-        """The trained method."""
+        """Load the trained method."""
         network = load_network(folder, self.name, self._network(0)).to(device)
         return DrawnHand(hand, network, self.drawing, device)
 
@@ -116,7 +116,7 @@ class DrawnHand:
 
     @torch.inference_mode()
     def render(self, shot: Shot, *, on_stage: OnStage = no_stage) -> Frame:
-        """As `ShotRenderer`."""
+        """Render as `ShotRenderer` does."""
         on_stage("pose")
         mesh, topology = self._meshes.mesh(shot)
         window = self._meshes.window(shot, mesh)
@@ -134,7 +134,7 @@ class DrawnHand:
 def draw(
     mesh: PosedMesh, topology: Topology, camera: CameraTensors, template: Float[Tensor, "V 3"], drawing: Drawing
 ) -> tuple[Float[Tensor, "C H W"], Float[Tensor, "H W"]]:
-    """The network's input, and depth."""
+    """Draw the network's input, and depth."""
     surface = drawn_surface(mesh, topology, camera)
     image, depth = normal_map(mesh, topology, camera, surface), depth_map(surface, camera.size_px)
     if drawing == "surface":
@@ -180,7 +180,7 @@ class _Batches:
 
 
 def _augmentation(generator: torch.Generator) -> tuple[float, float, tuple[float, float]]:
-    """(turn, scale, move) with the published probability; otherwise none but a small move."""
+    """Draw (turn, scale, move) with the published probability; otherwise none but a small move."""
     is_turned, *uniform = torch.rand(5, generator=generator).tolist()
     a, b, x, y = (2 * value - 1 for value in uniform)
     if is_turned >= _TURNED_SHARE:
@@ -192,7 +192,7 @@ def _augmentation(generator: torch.Generator) -> tuple[float, float, tuple[float
 def turned(
     image: Float[Tensor, "C H W"], turn_rad: float, scale: float, move_px: tuple[float, float], side_px: int
 ) -> Float[Tensor, "C S S"]:
-    """The image turned clockwise by an angle, scaled and moved about its middle, cut to a square; zero beyond it."""
+    """Turn the image clockwise by an angle, scale and move it about its middle, and cut a square; zero beyond it."""
     height, width = image.shape[1:]
     c, s = cos(turn_rad) / scale, sin(turn_rad) / scale
     half = side_px / 2
@@ -210,7 +210,7 @@ def _loss(
     config: TrainConfig,
     machine: FittingMachine,
 ) -> Tensor:
-    """The avatars' loss, mean over the crops; its low resolution is the picture's own mean."""
+    """Compute the avatars' loss, mean over the crops; its low resolution is the picture's own mean."""
     low = avg_pool2d(images, 2)
     parts = zip(low, images, targets, is_inside, strict=True)
     terms = [crop_loss(*part, config.loss, machine.perceptual).total for part in parts]

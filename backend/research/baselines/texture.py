@@ -47,7 +47,7 @@ class Texels(NamedTuple):
 
 
 def texels_of(topology: Topology, resolution: int = RESOLUTION) -> Texels:
-    """The texels whose centres lie in a chart of the atlas."""
+    """Select the texels whose centres lie in a chart of the atlas."""
     device, faces = topology.faces.device, len(topology.faces)
     corners = topology.corner_uv * resolution
     index = torch.arange(3 * faces, device=device).reshape(faces, 3)
@@ -93,7 +93,7 @@ class TextureSum:
         self._weight += weight
 
     def _is_front(self, mesh: PosedMesh, camera: CameraTensors, positions_px: Tensor, depth: Tensor) -> Tensor:
-        """Whether nothing lies before the texel."""
+        """Tell whether nothing lies before the texel."""
         finer = _scaled(camera, _DEPTH_FINER)
         nearest = depth_map(drawn_surface(mesh, self.topology, finer), finer.size_px)
         column, row = (positions_px * _DEPTH_FINER).long().unbind(-1)
@@ -103,7 +103,7 @@ class TextureSum:
         return is_inside & (depth <= found + _VISIBLE_M) & found.isfinite()
 
     def _area_m2(self, mesh: PosedMesh) -> Float[Tensor, " T"]:
-        """Area on the skin that a texel covers."""
+        """Measure the area on the skin that a texel covers."""
         a, b, c = mesh.vertices[self.topology.faces].unbind(1)
         area = torch.linalg.cross(b - a, c - a).norm(dim=-1)
         uv_a, uv_b, uv_c = self.topology.corner_uv.unbind(1)
@@ -112,7 +112,7 @@ class TextureSum:
         return (area / in_atlas.clamp(min=1e-12))[self.texels.samples.face] / self.texels.resolution**2
 
     def finished(self, template: Float[Tensor, "V 3"]) -> tuple[Float[Tensor, "N N 3"], float]:
-        """The texture, and the share of the charts that no picture saw, which the nearest seen skin fills."""
+        """Fill the texture from the nearest seen skin where no picture saw it, and tell that share of the charts."""
         is_seen = self._weight > 0
         colour = self._colour / self._weight.clamp(min=1e-12)[:, None]
         filled = 1 - float(is_seen.float().mean())
@@ -127,7 +127,7 @@ class TextureSum:
 
 
 def dilated(index: Int[Tensor, " T"], colour: Float[Tensor, "T 3"], resolution: int) -> Float[Tensor, "N N 3"]:
-    """The texture of these texels; those up to 4 beside them get the nearest one's colour, the rest is black."""
+    """Draw these texels; those up to 4 beside them get the nearest one's colour, the rest is black."""
     texture, is_chart = np.zeros((resolution**2, 3), np.float32), np.zeros(resolution**2, bool)
     texture[index.cpu().numpy()], is_chart[index.cpu().numpy()] = colour.cpu().numpy(), True
     found = distance_transform_edt(~is_chart.reshape(resolution, resolution), return_indices=True)
@@ -139,7 +139,7 @@ def dilated(index: Int[Tensor, " T"], colour: Float[Tensor, "T 3"], resolution: 
 
 
 def sampled(image: Float[Tensor, "C H W"], place: Float[Tensor, "P 2"]) -> Float[Tensor, "P C"]:
-    """Bilinear values at places in [0, 1] (x, y); beyond the border, its own."""
+    """Sample at places in [0, 1] (x, y), bilinear; beyond the border, its own."""
     grid = (2 * place - 1)[None, None]
     return grid_sample(image[None], grid, padding_mode="border", align_corners=False)[0, :, 0].T
 
@@ -147,7 +147,7 @@ def sampled(image: Float[Tensor, "C H W"], place: Float[Tensor, "P 2"]) -> Float
 def draw_textured(
     texture: Float[Tensor, "N N 3"], mesh: PosedMesh, topology: Topology, camera: CameraTensors
 ) -> tuple[Float[Tensor, "4 H W"], Float[Tensor, "H W"]]:
-    """The textured mesh at 2 x 2 sub-pixels, alpha its coverage; and the nearest depth, infinite where none is."""
+    """Draw the textured mesh at 2 x 2 sub-pixels, alpha its coverage; and the nearest depth, infinite where none is."""
     finer = _scaled(camera, 2)
     surface = drawn_surface(mesh, topology, finer)
     colour = sampled(texture.permute(2, 0, 1), atlas_uv(topology, surface.samples))
@@ -159,7 +159,7 @@ def draw_textured(
 
 
 def _scaled(camera: CameraTensors, factor: int) -> CameraTensors:
-    """The camera of the same view at a multiple of the resolution."""
+    """Scale the camera of the same view to a multiple of the resolution."""
     K = torch.diag(camera.K.new_tensor([factor, factor, 1])) @ camera.K
     return camera._replace(K=K, size_px=(factor * camera.size_px[0], factor * camera.size_px[1]))
 

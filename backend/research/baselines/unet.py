@@ -33,7 +33,7 @@ class UNet(nn.Module):
                 nn.init.xavier_normal_(module.weight)
 
     def forward(self, image: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D H W"]:
-        """In [0, 1]."""
+        """Compute the picture, in [0, 1]."""
         height, width = image.shape[2:]
         hidden = pad(image, (0, -width % _STRIDE, 0, -height % _STRIDE))
         skips = []

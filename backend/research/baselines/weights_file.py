@@ -33,7 +33,7 @@ def save_method(folder: Path, kind: str, tensors: Mapping[str, Tensor], facts: M
 
 
 def load_method(folder: Path, kind: str) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Tensors and facts.
+    """Read tensors and facts.
 
     Raises:
         LiveHandError: the file is missing, damaged, or of another method.
@@ -52,7 +52,7 @@ def load_method(folder: Path, kind: str) -> tuple[dict[str, Tensor], dict[str, A
 
 
 def load_network(folder: Path, kind: str, network: nn.Module) -> nn.Module:
-    """The network with the weights of the folder, ready to render.
+    """Load the network with the weights of the folder, ready to render.
 
     Raises:
         LiveHandError: as `load_method`, or the weights are of another size.
@@ -66,5 +66,5 @@ def load_network(folder: Path, kind: str, network: nn.Module) -> nn.Module:
 
 
 def parameter_count(network: nn.Module) -> int:
-    """Learnt numbers."""
+    """Count the learnt numbers."""
     return sum(parameter.numel() for parameter in network.parameters())

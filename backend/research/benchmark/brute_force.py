@@ -48,7 +48,7 @@ class FaceTable(NamedTuple):
 
     @classmethod
     def of(cls, triangles: Float[Tensor, "F 3 3"]) -> FaceTable:
-        """The table of a mesh's faces."""
+        """Build the table of a mesh's faces."""
         a, b, c = triangles.unbind(1)
         edges = torch.stack([b - a, c - b, a - c], 1)
         ab, ac = b - a, c - a
@@ -62,7 +62,7 @@ class FaceTable(NamedTuple):
 
 
 def nearest_faces(points: Float[Tensor, "S 3"], triangles: Float[Tensor, "F 3 3"]) -> Int[Tensor, " S"]:
-    """The nearest face of each sample; any of them where several are equally near."""
+    """Find the nearest face of each sample; any of them where several are equally near."""
     table = FaceTable.of(triangles)
     if points.device.type == "cpu" and has_numba():
         return _compiled_search(points, table)
@@ -71,7 +71,7 @@ def nearest_faces(points: Float[Tensor, "S 3"], triangles: Float[Tensor, "F 3 3"
 
 
 def dense_search(points: Float[Tensor, "S 3"], table: FaceTable) -> Int[Tensor, " S"]:
-    """The search as matrix products: every quantity of the test is linear in (p, 1, |p|^2).
+    """Search as matrix products: every quantity of the test is linear in (p, 1, |p|^2).
 
     Positions are relative to the samples' mean, so that single precision is exact to 0.01 mm.
     """
@@ -91,14 +91,14 @@ def dense_search(points: Float[Tensor, "S 3"], table: FaceTable) -> Int[Tensor, 
 
 
 def _affine(extended: Tensor, rows: Float[Tensor, "F 3 3"], origin: Float[Tensor, "F 3 3"]) -> Float[Tensor, "3 S F"]:
-    """Products of each face's three rows with the offset p - origin, for every sample and face."""
+    """Multiply each face's three rows with the offset p - origin, for every sample and face."""
     offset = -(rows * origin).sum(-1, keepdim=True)
     table = torch.cat([rows, offset, torch.zeros_like(offset)], -1)  # [F, 3, 5]
     return extended @ table.permute(1, 2, 0)
 
 
 def _compiled_search(points: Tensor, table: FaceTable) -> Tensor:
-    """The compiled loop on as many threads as torch uses; it releases Python's lock."""
+    """Compile the loop, to run on as many threads as torch uses; it releases Python's lock."""
     arrays = [np.ascontiguousarray(values.numpy()) for values in table]
     parts = np.array_split(np.ascontiguousarray(points.numpy()), torch.get_num_threads())
     search = _compiled()
@@ -119,7 +119,7 @@ def _compiled() -> Callable[..., np.ndarray]:
 
 
 def _search(points, corners, edges, inverse, plane):
-    """The loop that numba compiles; its innermost loops run over a block of samples, so that they are vectorised."""
+    """Loop as numba compiles it; the innermost loops run over a block of samples, so that they are vectorised."""
     one, zero = np.float32(1), np.float32(0)
     found = np.zeros(len(points), np.int64)
     block, face = np.zeros((3, _BLOCK), np.float32), np.empty(_BLOCK, np.int32)

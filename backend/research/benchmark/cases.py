@@ -60,7 +60,7 @@ class Configuration:
 def load_configurations(
     hand: HandModel, device: torch.device, avatar: Path | None, paper_avatar: Path | None
 ) -> list[Configuration]:
-    """All configurations, each with its own networks.
+    """Load all configurations, each with its own networks.
 
     Args:
         hand: of the avatars.
@@ -79,7 +79,7 @@ def load_configurations(
 
 
 def load_paper_avatar(hand: HandModel, path: Path | None) -> Avatar:
-    """A trained avatar of the `paper` configuration, or an untrained one, which takes the same time.
+    """Load a trained avatar of the `paper` configuration, or make an untrained one, which takes the same time.
 
     Raises:
         LiveHandError: the avatar is of another configuration.
@@ -112,12 +112,12 @@ def timed_write(frame: Frame, stopwatch: Stopwatch) -> Cost:
 
 
 def write_png(frame: Frame, path: Path) -> None:
-    """8 bits, sRGB-encoded, straight alpha, through Pillow."""
+    """Write 8 bits, sRGB-encoded, straight alpha, through Pillow."""
     Image.fromarray((straight_srgb(frame) * 255 + 0.5).astype(np.uint8), "RGBA").save(path)
 
 
 def frame_cost(stages: Stages) -> Cost:
-    """From pose to RGBA: all stages except writing the file and the synchronisation of Cycles with its scene."""
+    """Sum from pose to RGBA: all stages except writing the file and Cycles' synchronisation with its scene."""
     return total({stage: cost for stage, cost in stages.items() if stage not in (WRITE, SYNC)})
 
 

@@ -70,7 +70,7 @@ def run(
 
 
 def plan_of(args: argparse.Namespace) -> BenchmarkPlan:
-    """The plan that the arguments describe.
+    """Make the plan that the arguments describe.
 
     Raises:
         LiveHandError: a number is out of range, or the plot is not a .png file.
@@ -98,7 +98,7 @@ def plan_of(args: argparse.Namespace) -> BenchmarkPlan:
 
 
 def parse_sizes(text: str) -> tuple[Size, ...]:
-    """`167x256,1080p` -> sizes in px, without duplicates.
+    """Parse `167x256,1080p` as sizes in px, without duplicates.
 
     Raises:
         argparse.ArgumentTypeError: malformed, or too small.
@@ -108,7 +108,7 @@ def parse_sizes(text: str) -> tuple[Size, ...]:
 
 
 def parse_counts(text: str) -> tuple[int, ...]:
-    """`16,64` -> positive numbers, without duplicates.
+    """Parse `16,64` as positive numbers, without duplicates.
 
     Raises:
         argparse.ArgumentTypeError: malformed.

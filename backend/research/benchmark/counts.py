@@ -96,7 +96,7 @@ def counts_of(shot: Shot, hand: HandModel, sampler: SamplerConfig) -> Counts:
 
 
 def pixel_tests(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> int:
-    """Pixel centres in the bounding boxes of all projected faces, inside the image."""
+    """Count pixel centres in the bounding boxes of all projected faces, inside the image."""
     corners = camera.project(vertices)[0][faces]
     first = np.ceil(corners.min(1) - 0.5).clip(0)
     last = np.floor(corners.max(1) - 0.5).clip(max=np.array(camera.size_px) - 1)
@@ -111,18 +111,18 @@ def pose_work(counts: Counts) -> Work:
 
 
 def rasterise_work(counts: Counts) -> Work:
-    """15 FLOP per pixel test; reads the corners of two meshes, writes an interval (index, start, end) per ray."""
+    """Count 15 FLOP per pixel test; reads the corners of two meshes, writes an interval (index, start, end) per ray."""
     return Work(PIXEL_TEST_FLOP * counts.pixel_tests, _FLOAT_BYTES * (2 * 9 * counts.faces + 3 * counts.rays))
 
 
 def sample_work(counts: Counts) -> Work:
-    """Six triangles per sample; reads the mesh and the rays, writes 20 bytes per sample."""
+    """Count six triangles per sample; reads the mesh and the rays, writes 20 bytes per sample."""
     read = _FLOAT_BYTES * (9 * counts.faces + 3 * counts.rays)
     return Work(RING_FACES * TRIANGLE_FLOP * counts.samples, read + _SAMPLE_BYTES * counts.samples)
 
 
 def gather_work(counts: Counts, field: nn.Module) -> Work:
-    """Features and density of samples, where the field decodes rays: 2 FLOP per weight, 4 texels of every plane.
+    """Count features and density of samples, where the field decodes rays: 2 FLOP per weight, 4 texels of every plane.
 
     Reads the samples and the touched texels of each plane, no texel twice.
     """
@@ -134,7 +134,7 @@ def gather_work(counts: Counts, field: nn.Module) -> Work:
 
 
 def field_work(counts: Counts, field: nn.Module, number_bytes: int) -> Work:
-    """2 FLOP per weight and ray where the field decodes rays, else per weight and sample; writes 33 numbers each."""
+    """Count 2 FLOP per weight and ray where the field decodes rays, else per weight and sample; writes 33 numbers."""
     of_samples, of_rays = weights_of(field)
     if of_rays:
         moved = counts.rays * (CHANNELS + 1) + of_rays
@@ -144,7 +144,7 @@ def field_work(counts: Counts, field: nn.Module, number_bytes: int) -> Work:
 
 
 def weights_of(field: nn.Module) -> tuple[int, int]:
-    """Number of weights in the layers that run for every sample, and in those that run for every ray."""
+    """Count the weights in the layers that run for every sample, and in those that run for every ray."""
     by_ray = _ONCE_A_RAY if isinstance(field, PlaneField) else ()
     of_samples = of_rays = 0
     for name, module in field.named_modules():
@@ -157,13 +157,13 @@ def weights_of(field: nn.Module) -> tuple[int, int]:
 
 
 def volume_work(counts: Counts, number_bytes: int) -> Work:
-    """2 x 32 FLOP per sample for the sums and 8 for its weight; reads 33 numbers per sample, writes 34 per ray."""
+    """Count 2 x 32 FLOP per sample for the sums and 8 for its weight; reads 33 numbers, writes 34 per ray."""
     moved = number_bytes * (CHANNELS + 1) * counts.samples + _FLOAT_BYTES * (CHANNELS + 2) * counts.rays
     return Work((2 * CHANNELS + 8) * counts.samples, moved)
 
 
 def superres_work(counts: Counts, superres: nn.Module, number_bytes: int) -> Work:
-    """The products over the crop, as torch counts them; reads 33 maps, writes RGBA of twice the size.
+    """Count the products over the crop, as torch does; reads 33 maps, writes RGBA of twice the size.
 
     Of a relightable avatar, it reads 34 maps and writes 12.
     """
@@ -178,7 +178,7 @@ def superres_work(counts: Counts, superres: nn.Module, number_bytes: int) -> Wor
 
 
 def light_work(counts: Counts) -> Work:
-    """The sky alone: shadows and features of every ray in every direction, and the product at full size.
+    """Count the sky alone: shadows and features of every ray in every direction, and the product at full size.
 
     A ray and direction: 15 FLOP to project the point, 25 to compare it with four pixels of a map, 6 for its share of
     the light, 18 to sum that, 26 for two depths of scattered light and 42 for two lobes. A pixel of the hand at full
@@ -190,13 +190,13 @@ def light_work(counts: Counts) -> Work:
 
 
 def decode_work(counts: Counts) -> Work:
-    """About 20 FLOP per pixel of the crop (clamps, the sRGB curve); reads RGBA and depth, writes the whole frame."""
+    """Count about 20 FLOP per pixel of the crop (clamps, the sRGB curve); reads RGBA, depth, writes the whole frame."""
     crop = 4 * counts.crop_px[0] * counts.crop_px[1]
     return Work(20 * crop, _FLOAT_BYTES * 5 * (crop + counts.size_px[0] * counts.size_px[1]))
 
 
 def stage_work(counts: Counts, avatar: Avatar, number_bytes: int) -> dict[str, Work]:
-    """The work of every stage of a frame; `number_bytes` is 2 for bfloat16 networks and 4 for single precision."""
+    """Count the work of every stage of a frame; `number_bytes` is 2 for bfloat16 networks, 4 for single precision."""
     return {
         "pose": pose_work(counts),
         "rasterise": rasterise_work(counts),

@@ -14,14 +14,14 @@ _DONE_WITHIN_REFERENCE = {"rasterise": "sample", "gather": "field", "volume": "f
 
 
 def floor_ms(work: Work, peaks: Peaks, precision: str) -> float:
-    """One stage's floor; `precision` is that of the networks."""
+    """Compute one stage's floor; `precision` is that of the networks."""
     is_half = work.unit == "network" and precision == "bf16"
     arithmetic_s = work.flop / (peaks.reduced_flops if is_half else peaks.fp32_flops)
     return 1000 * max(arithmetic_s, work.bytes / peaks.bytes_per_s)
 
 
 def floors_ms(works: Mapping[str, Work], peaks: Peaks, precision: str, reported: Iterable[str]) -> dict[str, float]:
-    """The floors of the reported stages; the floor of any other stage is added to the stage that does its work."""
+    """Compute the floors of the reported stages; that of any other stage is added to the stage that does its work."""
     floors = dict.fromkeys(reported, 0.0)
     done_within = _DONE_WITHIN_FUSED if "rasterise" in floors else _DONE_WITHIN_REFERENCE
     for stage, work in works.items():

@@ -27,7 +27,7 @@ class GrowthPoint(NamedTuple):
 
 
 def grow_with_coverage(bench: Bench, plan: BenchmarkPlan, size_px: Size) -> list[GrowthPoint]:
-    """The same frames at increasing zoom; x is the measured coverage."""
+    """Measure the same frames at increasing zoom; x is the measured coverage."""
     points = []
     for coverage in COVERAGES:
         motion = MovingHand(bench.hand, size_px, coverage)
@@ -38,7 +38,7 @@ def grow_with_coverage(bench: Bench, plan: BenchmarkPlan, size_px: Size) -> list
 
 
 def grow_with_hands(bench: Bench, plan: BenchmarkPlan, size_px: Size) -> list[GrowthPoint]:
-    """One, two and three hands in a frame, each rendered alone and then composed."""
+    """Measure one, two and three hands in a frame, each rendered alone and then composed."""
     motion = MovingHand(bench.hand, size_px, plan.coverage)
     frames = motion.frames(min(plan.frames, _MAX_FRAMES))
     points = []
@@ -49,7 +49,7 @@ def grow_with_hands(bench: Bench, plan: BenchmarkPlan, size_px: Size) -> list[Gr
 
 
 def _hands_case(bench: Bench, configuration: Configuration, motion: MovingHand, hands: int) -> Case:
-    """Renders each frame of the motion once per hand and composes the results."""
+    """Render each frame of the motion once per hand and compose the results."""
     stopwatch = stopwatch_of(bench.device)
 
     def measure(motion_frame: MotionFrame) -> Stages:

@@ -69,7 +69,7 @@ class Peaks(NamedTuple):
         return max(self.bf16_flops, self.int8_flops)
 
     def or_better(self, other: Peaks) -> Peaks:
-        """The higher of each, since other load on the machine can only lower a peak."""
+        """Take the higher of each, since other load on the machine can only lower a peak."""
         return Peaks(*(max(pair) for pair in zip(self, other, strict=True)))
 
 
@@ -85,7 +85,7 @@ def set_threads(count: int | None) -> None:
 
 
 def describe(device: torch.device) -> dict[str, str | float | bool | None]:
-    """Hardware and software that the figures depend on; what is not known is None."""
+    """Describe hardware and software that the figures depend on; what is not known is None."""
     flags = _cpu_flags()
     return {
         "cpu": _cpu_name(),
@@ -150,7 +150,7 @@ def _synchronise(device: torch.device) -> None:
 
 
 def _load() -> dict[str, float | bool | None]:
-    """Programs that wanted a processor in the minute before, and whether they were enough to spoil figures.
+    """Count programs that wanted a processor in the minute before, and say whether they were enough to spoil figures.
 
     Both are None where the system does not tell.
     """

@@ -71,7 +71,7 @@ class SizeResult(NamedTuple):
     peak_mb: dict[str, float | None]
 
     def floors_ms(self, peaks: Peaks) -> dict[str, dict[str, float]]:
-        """Per configuration and reported stage: the mean over the counted frames."""
+        """Average the floors per configuration and reported stage, over the counted frames."""
         return {name: self._floors_ms(name, peaks) for name in self.works}
 
     def _floors_ms(self, name: str, peaks: Peaks) -> dict[str, float]:
@@ -104,7 +104,7 @@ class Bench:
         return results, peaks
 
     def measure_memory(self, plan: BenchmarkPlan) -> dict[Size, dict[str, float | None]]:
-        """Peak MB above the loaded models. The avatar's own configurations come first, before anything else has run."""
+        """Measure peak MB above the loaded models. The avatar's own configurations come first, before all else."""
         loaded = memory_mb(self.device)
         peaks: dict[Size, dict[str, float | None]] = {size_px: {} for size_px in plan.sizes_px}
         for configuration in self.configurations:
@@ -130,7 +130,7 @@ class Bench:
         return SizeResult(size_px, coverage, taken, works, peaks_mb)
 
     def case_of(self, configuration: Configuration, motion: MovingHand, budget_s: float) -> Case:
-        """A case that renders a configuration; the avatar's own configurations also write their frames."""
+        """Make a case that renders a configuration; the avatar's own configurations also write their frames."""
         stopwatch = stopwatch_of(self.device)
 
         def measure(motion_frame: MotionFrame) -> Stages:

@@ -17,7 +17,7 @@ _RESET_PEAK = "5"  # see proc(5)
 
 
 def memory_mb(device: torch.device) -> float | None:
-    """Memory in use now; None where the system does not report it."""
+    """Read the memory in use now; None where the system does not report it."""
     if device.type == "cuda":
         return torch.cuda.memory_allocated(device) / 1e6
     return _status_mb("VmRSS")
@@ -33,14 +33,14 @@ def reset_peak(device: torch.device) -> None:
 
 
 def peak_mb(device: torch.device) -> float | None:
-    """The peak since the last reset; None where the system does not report it."""
+    """Read the peak since the last reset; None where the system does not report it."""
     if device.type == "cuda":
         return torch.cuda.max_memory_allocated(device) / 1e6
     return _status_mb("VmHWM")
 
 
 def _status_mb(name: str) -> float | None:
-    """An entry of /proc/self/status, which only Linux has."""
+    """Read an entry of /proc/self/status, which only Linux has."""
     if not _STATUS.is_file():
         return None
     lines = [line for line in _STATUS.read_text().splitlines() if line.startswith(f"{name}:")]

@@ -65,16 +65,16 @@ class MovingHand:
     coverage: float | None = None
 
     def frames(self, count: int) -> list[MotionFrame]:
-        """`count` frames, evenly over the loop."""
+        """Pick `count` frames, evenly over the loop."""
         return [self._frame(k / count, self._zoom) for k in range(count)]
 
     def shot(self, frame: MotionFrame) -> Shot:
-        """The shot with the posed mesh; part of the stage `pose`."""
+        """Make the shot with the posed mesh; part of the stage `pose`."""
         moved = choose_backend(_CPU).skin_motion(self._skin, frame.pose)
         return Shot(frame.pose, moved.vertices.numpy(), frame.camera)
 
     def covered(self, frame: MotionFrame) -> float:
-        """The share of the image that the mesh covers."""
+        """Measure the share of the image that the mesh covers."""
         shot = self.shot(frame)
         return silhouette_px(shot.vertices, self.hand.f, shot.camera) / (self.size_px[0] * self.size_px[1])
 
@@ -117,7 +117,7 @@ class MovingHand:
 
 
 def silhouette_px(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> int:
-    """Number of pixels that the mesh covers; all of it must lie in front of the camera."""
+    """Count the pixels that the mesh covers; all of it must lie in front of the camera."""
     positions_px, _ = camera.project(vertices)
     image = Image.new("1", camera.size_px)
     draw = ImageDraw.Draw(image)
@@ -127,7 +127,7 @@ def silhouette_px(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> in
 
 
 def _eased(phase: float, values: np.ndarray) -> np.ndarray:
-    """Minimum-jerk interpolation between the keys' values; the last key leads back to the first."""
+    """Interpolate between the keys' values with minimum jerk; the last key leads back to the first."""
     first = int(phase * len(values)) % len(values)
     share = phase * len(values) % 1
     share = share**3 * (10 - 15 * share + 6 * share**2)

@@ -18,7 +18,7 @@ _SIZE_IN = (13.2, 3.6)
 
 
 def growth_figure() -> Figure:
-    """An empty figure. Raises LiveHandError if matplotlib is not installed."""
+    """Make an empty figure. Raises LiveHandError if matplotlib is not installed."""
     return new_figure(*_SIZE_IN)
 
 
@@ -29,7 +29,7 @@ def draw_growth(
     hands: Sequence[GrowthPoint],
     size: str,
 ) -> None:
-    """Three panels; `size` names the image size at which coverage and hands were measured."""
+    """Draw three panels; `size` names the image size at which coverage and hands were measured."""
     by_size = sorted((_size_point(result) for result in sizes), key=lambda point: point.x)
     panels = (
         (f"ms a frame, {size}", "the hand's share of the image", coverage),
@@ -42,7 +42,7 @@ def draw_growth(
 
 
 def _draw_curves(axes: Axes, points: Sequence[GrowthPoint]) -> None:
-    """The medians of each configuration, with bars from the 10th to the 90th percentile; both axes start at zero."""
+    """Draw the medians of each configuration, with bars from the 10th to the 90th percentile; axes start at zero."""
     for name in points[0].frame_ms:
         spreads = [point.frame_ms[name] for point in points]
         bars_ms = [[s.median - s.p10 for s in spreads], [s.p90 - s.median for s in spreads]]
@@ -53,6 +53,6 @@ def _draw_curves(axes: Axes, points: Sequence[GrowthPoint]) -> None:
 
 
 def _size_point(result: SizeResult) -> GrowthPoint:
-    """The avatar's own configurations at one size; x is megapixels."""
+    """Plot the avatar's own configurations at one size; x is megapixels."""
     spreads = {name: frame_spread(frames)[0] for name, frames in result.taken.items() if name.startswith("default")}
     return GrowthPoint(result.size_px[0] * result.size_px[1] / 1e6, spreads)

@@ -88,7 +88,7 @@ class PublishedRenderer:
         return self.avatar.config.sampler.samples_per_ray
 
     def _shade(self, rays: WholeRays, samples: SurfaceSamples, theta: Tensor, scale: Tensor) -> Composite:
-        """The MLP at all samples, composited along each ray."""
+        """Run the MLP at all samples, and composite along each ray."""
         count = self._samples_per_ray
         length = rays.directions.norm(dim=-1)
         height = samples.height_m / self.avatar.config.sampler.shell_m
@@ -106,7 +106,7 @@ class PublishedRenderer:
 
 
 def whole_rays(mesh: PosedMesh, topology: Topology, view: CameraTensors, shell_m: float, count: int) -> WholeRays:
-    """`count` samples per ray at the centres of equal strata, from the inflated mesh's first to its last surface."""
+    """Place `count` samples per ray at the centres of equal strata, from the inflated mesh's first to last surface."""
     positions_px, depth = project(view, mesh.vertices + shell_m * mesh.scale * mesh.normals)
     fragments = rasterise(positions_px, depth, topology.faces, view.size_px)
     empty = depth.new_full((view.size_px[0] * view.size_px[1],), torch.inf)
@@ -119,7 +119,7 @@ def whole_rays(mesh: PosedMesh, topology: Topology, view: CameraTensors, shell_m
 
 
 def nearest_samples(points: Float[Tensor, "S 3"], topology: Topology, mesh: PosedMesh) -> SurfaceSamples:
-    """The nearest surface point of every sample, found by searching all faces."""
+    """Find the nearest surface point of every sample by searching all faces."""
     triangles = mesh.vertices[topology.faces]
     face = nearest_faces(points, triangles)
     barycentric, squared = closest_on_triangles(points, triangles[face])

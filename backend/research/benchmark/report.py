@@ -16,7 +16,7 @@ _DEFAULTS = {"bf16": "default_bf16", "fp32": "default_fp32"}
 
 
 def peaks_document(peaks: Peaks) -> dict[str, float]:
-    """The machine's measured peaks."""
+    """Write out the machine's measured peaks."""
     return {
         "fp32_tflops": round(peaks.fp32_flops / 1e12, 3),
         "bf16_tflops": round(peaks.bf16_flops / 1e12, 3),
@@ -26,7 +26,7 @@ def peaks_document(peaks: Peaks) -> dict[str, float]:
 
 
 def size_document(result: SizeResult, peaks: Peaks) -> dict[str, Any]:
-    """All results at one size, keyed by case; `stages`, `floor_ms` and `over_floor` hold stages within each case."""
+    """Write out all results at one size, keyed by case, which hold `stages`, `floor_ms` and `over_floor`."""
     floors = result.floors_ms(peaks)
     wall, cores = ({name: frame_spread(taken)[k] for name, taken in result.taken.items()} for k in (0, 1))
     return {
@@ -48,7 +48,7 @@ def size_document(result: SizeResult, peaks: Peaks) -> dict[str, Any]:
 
 
 def growth_document(curve: Sequence[GrowthPoint], x_name: str) -> list[dict[str, Any]]:
-    """The points of a curve; `x_name` is the key of their x."""
+    """Write out the points of a curve; `x_name` is the key of their x."""
     return [
         {x_name: round(point.x, 4), "frame_ms": {name: _figures(spread) for name, spread in point.frame_ms.items()}}
         for point in curve
@@ -56,7 +56,7 @@ def growth_document(curve: Sequence[GrowthPoint], x_name: str) -> list[dict[str,
 
 
 def machine_lines(machine: Mapping[str, Any], peaks: Mapping[str, float]) -> list[str]:
-    """The machine and its peaks, a line each."""
+    """Word the machine and its peaks, a line each."""
     described = ", ".join(f"{name} {value}" for name, value in machine.items() if value is not None)
     measured = ", ".join(f"{value} {name}" for name, value in peaks.items())
     warning = "the machine was busy before: trust core-seconds and ratios, not milliseconds"
@@ -64,7 +64,7 @@ def machine_lines(machine: Mapping[str, Any], peaks: Mapping[str, float]) -> lis
 
 
 def size_lines(size: str, document: Mapping[str, Any]) -> list[str]:
-    """One size: frames, ratios, and stages with their floors."""
+    """Word one size: frames, ratios, and stages with their floors."""
     lines = [f"{size}, the hand covers {document['coverage']:.1%}", *_frame_lines(document), *_ratio_lines(document)]
     for name in (*_DEFAULTS.values(), PUBLISHED):
         lines += _stage_lines(name, document)
@@ -127,7 +127,7 @@ def _over_floor(result: SizeResult, name: str, floors: Mapping[str, float]) -> d
 
 
 def _ratios(result: SizeResult, slow: str) -> dict[str, float]:
-    """The ratio to the default configuration in each precision."""
+    """Compute the ratio to the default configuration in each precision."""
     ratios = {precision: _ratio(result, slow, fast) for precision, fast in _DEFAULTS.items()}
     return {precision: ratio for precision, ratio in ratios.items() if ratio is not None}
 

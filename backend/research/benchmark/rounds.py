@@ -32,7 +32,7 @@ class Case:
     evicts_caches: bool = False
 
     def takes_part(self, number: int, rounds: int, taken: Sequence[Stages]) -> bool:
-        """Whether the case renders in round `number` of `rounds`, given the frames it has rendered so far."""
+        """Tell whether the case renders in round `number` of `rounds`, given the frames it has rendered so far."""
         if self.frames is not None and number * self.frames // rounds == (number - 1) * self.frames // rounds:
             return False
         spent_s = sum(frame_cost(stages).wall_ms for stages in taken) / 1000
@@ -44,7 +44,7 @@ Results = dict[str, dict[int, Stages]]
 
 
 def measure_rounds(cases: Sequence[Case], frames: Sequence[MotionFrame]) -> Results:
-    """Every case renders each frame; another case begins in each round.
+    """Measure rounds: every case renders each frame; another case begins in each round.
 
     In a round with a case that evicts caches, every other case renders the frame once more before it is timed.
     """
@@ -62,13 +62,13 @@ def measure_rounds(cases: Sequence[Case], frames: Sequence[MotionFrame]) -> Resu
 
 
 def frame_spread(taken: dict[int, Stages]) -> tuple[Spread, Spread]:
-    """Wall ms and core-seconds of whole frames."""
+    """Collect wall ms and core-seconds of whole frames."""
     costs = [frame_cost(stages) for stages in taken.values()]
     return spread([cost.wall_ms for cost in costs]), spread([cost.core_s for cost in costs])
 
 
 def stage_spreads(taken: dict[int, Stages]) -> dict[str, tuple[Spread, Spread]]:
-    """Wall ms and core-seconds of every stage."""
+    """Collect wall ms and core-seconds of every stage."""
     names = dict.fromkeys(name for stages in taken.values() for name in stages)
     by_stage = {name: [stages[name] for stages in taken.values() if name in stages] for name in names}
     return {
@@ -78,7 +78,7 @@ def stage_spreads(taken: dict[int, Stages]) -> dict[str, tuple[Spread, Spread]]:
 
 
 def paired_ratio(slow: dict[int, Stages], fast: dict[int, Stages]) -> float | None:
-    """Median over the shared rounds of how many times longer `slow` took; None where they share no round."""
+    """Take the median over shared rounds of how many times longer `slow` took; None where they share no round."""
     both = slow.keys() & fast.keys()
     if not both:
         return None

@@ -73,16 +73,16 @@ class Stopwatch:
 
 
 def stopwatch_of(device: torch.device) -> Stopwatch:
-    """A stopwatch that waits for the device."""
+    """Make a stopwatch that waits for the device."""
     return Stopwatch(synchronise=torch.cuda.synchronize) if device.type == "cuda" else Stopwatch()
 
 
 def total(stages: Stages) -> Cost:
-    """The sum over all stages."""
+    """Sum over all stages."""
     return Cost(sum(cost.wall_ms for cost in stages.values()), sum(cost.core_s for cost in stages.values()))
 
 
 def spread(values: list[float]) -> Spread:
-    """Median and percentiles of at least one value."""
+    """Take median and percentiles of at least one value."""
     low, middle, high = np.percentile(values, (10, 50, 90))
     return Spread(float(middle), float(low), float(high))

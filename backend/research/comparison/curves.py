@@ -10,7 +10,7 @@ _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#
 
 
 def svg_curves(series: Mapping[str, Sequence[tuple[float, float]]], x_label: str, y_label: str) -> str:
-    """A line with points for each name; both axes span all points. Empty if no line has two points."""
+    """Draw a line with points for each name; both axes span all points. Empty if no line has two points."""
     drawn = {name: sorted(points) for name, points in series.items() if len(points) > 1}
     if not drawn:
         return ""
@@ -38,7 +38,7 @@ def svg_curves(series: Mapping[str, Sequence[tuple[float, float]]], x_label: str
 def _place(
     point: tuple[float, float], spans: Sequence[tuple[float, float]], box: tuple[float, float, float, float]
 ) -> tuple[float, float]:
-    """A point in the drawing's pixels."""
+    """Place a point in the drawing's pixels."""
     left, right, top, bottom = box
     x, y = ((value - low) / (high - low) for value, (low, high) in zip(point, spans, strict=True))
     return left + x * (right - left), bottom - y * (bottom - top)

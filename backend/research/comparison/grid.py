@@ -30,7 +30,7 @@ def save_pictures(pairs: Sequence[Pair], path: Path) -> None:
 
 
 def load_pictures(path: Path) -> list[Pair]:
-    """The pictures of a row, [H, W, 4] in [0, 1]; none if they are not there.
+    """Load the pictures of a row, [H, W, 4] in [0, 1]; none if they are not there.
 
     Raises:
         LiveHandError: the file is damaged.
@@ -72,7 +72,7 @@ def save_grids(rows: Mapping[str, Sequence[Pair]], folder: Path) -> None:
 
 
 def detailed_part(truth: np.ndarray) -> tuple[slice, slice]:
-    """(rows, columns) of the part of the hand with most fine detail: nails and creases rather than the outline."""
+    """Find (rows, columns) of the hand's part with most fine detail: nails and creases rather than the outline."""
     height, width = truth.shape[:2]
     rows, columns = max(2, round(height * _PART)), max(2, round(width * _PART))
     grey, alpha = truth[..., :3].mean(-1), truth[..., 3]
@@ -91,7 +91,7 @@ def _errors(pairs: Sequence[Pair]) -> list[np.ndarray]:
 
 
 def _strip(label: str, images: Sequence[np.ndarray], parts: Sequence[tuple[slice, slice]]) -> np.ndarray:
-    """A row's pictures beside one another, each whole and beside it the part at twice its size."""
+    """Set a row's pictures beside one another, each whole and beside it the part at twice its size."""
     pictures = []
     height = max(image.shape[0] for image in images)
     for image, part in zip(images, parts, strict=True):

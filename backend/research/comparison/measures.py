@@ -59,7 +59,7 @@ class Measures:
         device: torch.device,
         names: Sequence[str] = (),
     ) -> Measures:
-        """The measures that the given weights allow.
+        """Load the measures that the given weights allow.
 
         Raises:
             LiveHandError: a file is missing or of another network.
@@ -102,5 +102,5 @@ class Measures:
 
 
 def held_out_views(capture: Capture, splits: Sequence[Split], most: int | None) -> list[CaptureView]:
-    """At most `most` views of each split, evenly spaced; splits without views are left out."""
+    """Select at most `most` views of each split, evenly spaced; splits without views are left out."""
     return [view for split in splits for view in spaced_views(capture.of_split(split), most)]

@@ -56,7 +56,7 @@ class Misfit:
         return self.level if isinstance(self.level, str) else f"{self.level:g}mm"
 
     def of(self, capture: Capture, hand: HandModel, seed: int) -> Misfitting:
-        """The captures of this level, of a capture whose poses are true."""
+        """Make the captures of this level, of a capture whose poses are true."""
         if self.level == "smooth":
             smooth = smoothed(hand)
             off = np.sqrt(((smooth.v_template - hand.v_template) ** 2).sum(1).mean())
@@ -76,7 +76,7 @@ class Misfit:
 
 
 def noisy_poses(poses: Sequence[HandPose], hand: HandModel, sigma_mm: float, seed: int) -> tuple[HandPose, ...]:
-    """The poses fitted again to their landmarks with normal noise; shape stays. Without noise the fit is not exact."""
+    """Fit the poses again to their landmarks with normal noise; shape stays. Without noise the fit is not exact."""
     random = np.random.default_rng(seed)
     noise = LandmarkNoise(max(sigma_mm / 1000, _LEAST_DEVIATION_M), fits_scale=False)
     return tuple(_refitted(pose, hand, sigma_mm / 1000, noise, random) for pose in poses)
@@ -93,13 +93,13 @@ def _refitted(
 
 
 def _wrist(hand: HandModel, pose: HandPose, beta: np.ndarray) -> np.ndarray:
-    """[3] the rest wrist of a shape."""
+    """Return the rest wrist [3] of a shape."""
     model = hand.for_side(pose.side)
     return model.J_regressor[0] @ (model.v_template + model.shapedirs @ beta)
 
 
 def smoothed(hand: HandModel, steps: int = _SMOOTHING_STEPS) -> HandModel:
-    """The hand with each vertex moved to its neighbours' mean, so many times; it keeps its identity."""
+    """Move each vertex to its neighbours' mean, so many times; the hand keeps its identity."""
     vertices, neighbours = hand.v_template, neighbour_table(hand.f, len(hand.v_template))
     is_other = neighbours != np.arange(len(vertices))[:, None]
     for _ in range(steps):

@@ -91,7 +91,7 @@ class Table:
         return f"{TITLES[self.key]}: {self.split}"
 
     def cells(self) -> list[list[str]]:
-        """Heading and rows; the best of each column is marked with `**`."""
+        """List heading and rows; the best of each column is marked with `**`."""
         published = self._published()
         ours = [column for column in _COLUMNS if any(column[0] in line.figures for line in self.lines)]
         heading = ["row", *(heading for heading, _ in published), *(heading for _, heading, *_ in ours)]
@@ -102,7 +102,7 @@ class Table:
         return [heading, *(list(row) for row in zip(*columns, strict=True))]
 
     def curves(self) -> str:
-        """Of the misfit: each method's loss over the noise, as SVG; else empty."""
+        """Draw the misfit: each method's loss over the noise, as SVG; else empty."""
         series: dict[str, list[tuple[float, float]]] = {}
         for line in self.lines:
             name, _, level = line.name.partition("@")
@@ -146,7 +146,7 @@ class Page:
         write_text(self.json(), folder / "tables.json")
 
     def markdown(self) -> str:
-        """The page as Markdown."""
+        """Write the page as Markdown."""
         lines = ["# The paper's tables, on this capture", "", *self._facts(), ""]
         for table in self.tables:
             lines += [f"## {table.title}", "", *_markdown_table(table.cells()), "", *self._notes(table), ""]
@@ -155,7 +155,7 @@ class Page:
         return "\n".join(lines).rstrip() + "\n"
 
     def html(self) -> str:
-        """The page as one HTML file without scripts."""
+        """Write the page as one HTML file without scripts."""
         parts = [f"<h1>The paper's tables, on this capture</h1>{_list(self._facts())}"]
         for table in self.tables:
             parts += [f"<h2>{html.escape(table.title)}</h2>", _html_table(table.cells()), table.curves()]
@@ -165,7 +165,7 @@ class Page:
         return f"<!doctype html>\n<meta charset='utf-8'>\n<style>{_STYLE}</style>\n" + "\n".join(parts) + "\n"
 
     def json(self) -> str:
-        """The figures as they are."""
+        """Write the figures as they are."""
         tables = [
             {
                 "table": table.key,
@@ -210,7 +210,7 @@ def _scaled(value: float | int | None, factor: float | int) -> float | None:
 
 
 def _marked(values: Sequence[float | None], digits: int, better: Better) -> list[str]:
-    """Cells, the best of several in bold; values that look alike are equally good."""
+    """Mark cells in bold, the best of several; values that look alike are equally good."""
     texts = ["" if value is None else f"{value:.{digits}f}" for value in values]
     known = [value for value in values if value is not None]
     if not better or len(known) < 2:

@@ -83,7 +83,7 @@ class Row:
         return self.method.label if self.misfit is None else f"{self.method.label}, {self.misfit.name}"
 
     def core_minutes(self, budget: Budget, capture: Capture) -> float:
-        """Estimated cost on this capture."""
+        """Estimate the cost on this capture."""
         known = _CORE_MINUTES.get(self.method.name, _UNKNOWN)
         if budget.core_minutes is not None and self.method.name not in _NOT_TRAINED:
             return budget.core_minutes
@@ -96,7 +96,7 @@ class Row:
 def chosen_rows(
     tables: Sequence[str], names: Sequence[str] | None, own: Sequence[Method] = (), samples: int = SAMPLES
 ) -> list[Row]:
-    """The rows of these tables, or those of these names among them.
+    """Select the rows of these tables, or those of these names among them.
 
     Args:
         tables: names of tables.
@@ -129,7 +129,7 @@ def chosen_rows(
 
 
 def _shown(method: Method, tables: Sequence[str]) -> tuple[str, ...]:
-    """The tables in which a method stands as it is."""
+    """List the tables in which a method stands as it is."""
     return tuple(table for table in method.tables if table in tables and table != "misfit")
 
 
@@ -138,7 +138,7 @@ def _sampled(method: Method, samples: int) -> Method:
 
 
 def load_own_method(text: str) -> Method:
-    """A method by `MODULE:NAME`; modules in the current folder are found.
+    """Load a method by `MODULE:NAME`; modules in the current folder are found.
 
     Raises:
         LiveHandError: there is none, or it is no method.

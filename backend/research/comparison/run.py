@@ -112,7 +112,7 @@ class Comparison:
         return self._remarks
 
     def folder_of(self, row: Row) -> Path:
-        """The row's folder."""
+        """Name the row's folder."""
         return self._folder / "rows" / row.name
 
     def _cost(self, row: Row) -> float:
@@ -157,7 +157,7 @@ class Comparison:
         write_text(_text(document), folder / ROW)
 
     def _settings(self, row: Row) -> dict[str, Any]:
-        """What determines a row's figures."""
+        """Collect what determines a row's figures."""
         plan, method = self._plan, row.method
         views = held_out_views(self._capture, plan.splits, plan.max_images)
         return {
@@ -210,7 +210,7 @@ class Comparison:
             write_text(_text({"group": group, **facts}), self._folder / "rows" / name / SPEED)
 
     def _write(self) -> Page:
-        """Tables and grids of what is done."""
+        """Write tables and grids of what is done."""
         done = [row for row in self._rows if self._is_done(row)]
         tables = [table for key in TABLES for table in self._tables(key, [row for row in done if key in row.tables])]
         page = Page(tuple(tables), dict(self._facts()), tuple(self._remarks))
@@ -235,7 +235,7 @@ class Comparison:
         ]
 
     def _tables(self, key: str, rows: Sequence[Row]) -> list[Table]:
-        """One table a split, and of the misfit one an arm too."""
+        """Make one table a split, and of the misfit one an arm too."""
         found: dict[str, list[Line]] = {}
         for row in rows:
             record = _read(self.folder_of(row) / ROW)
@@ -259,7 +259,7 @@ class Comparison:
 
 
 def _with_gaps(lines: Sequence[Line]) -> list[Line]:
-    """Each row with its PSNR of the hand against that of the same method without noise, dB; by method and level."""
+    """Add to each row its PSNR of the hand against that of the same method without noise, dB; by method and level."""
     zero = {line.name.partition("@")[0]: line.figures["psnr_hand"] for line in lines if line.name.endswith("@0mm")}
     found = []
     for line in sorted(lines, key=lambda line: line.name.partition("@")[0]):
@@ -278,7 +278,7 @@ def _text(value: Any) -> str:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """A JSON object; empty if there is none."""
+    """Read a JSON object; empty if there is none."""
     try:
         document = json.loads(path.read_text())
     except (OSError, ValueError):

@@ -38,7 +38,7 @@ class SpeedPlan:
 def measure_speed(
     renderers: Mapping[str, ShotRenderer], hand: HandModel, plan: SpeedPlan, device: torch.device
 ) -> dict[str, dict[str, Any]]:
-    """By row: milliseconds (median, 10 %, 90 %), core-seconds, frames a second and how many frames were timed."""
+    """Measure by row: milliseconds (median, 10 %, 90 %), core-seconds, frames a second, number of timed frames."""
     motion = MovingHand(hand, plan.size_px)
     frames = motion.frames(plan.frames)
     cases = [_case(name, renderer, motion, device) for name, renderer in renderers.items()]

@@ -82,7 +82,7 @@ def cut_hand(surface: SkinnedSurface, joint_weights: np.ndarray, share: np.ndarr
 
 
 def _valid_faces(faces: np.ndarray) -> np.ndarray:
-    """[F] bool: faces with three different corners, without repetitions of a face."""
+    """Return [F] bool: faces with three different corners, without repetitions of a face."""
     ordered = np.sort(faces, 1)
     _, index = np.unique(ordered, axis=0, return_index=True)
     is_first = np.zeros(len(faces), bool)
@@ -91,7 +91,7 @@ def _valid_faces(faces: np.ndarray) -> np.ndarray:
 
 
 def _whole_polygons(kept: np.ndarray, polygons: np.ndarray, is_valid: np.ndarray) -> np.ndarray:
-    """The kept faces whose polygon has no valid face that is not kept."""
+    """Select the kept faces whose polygon has no valid face that is not kept."""
     return kept & ~np.isin(polygons, polygons[is_valid & ~kept])
 
 
@@ -104,7 +104,7 @@ def _check_fingers(mesh: MovedMesh, kept: np.ndarray) -> None:
 
 
 def _without_pinches(mesh: MovedMesh, kept: np.ndarray, polygons: np.ndarray) -> np.ndarray:
-    """The kept faces without those at which the boundary touches itself."""
+    """Drop the kept faces at which the boundary touches itself."""
     for _ in range(_SMOOTHING_ROUNDS):
         pinched = pinched_vertices(mesh.faces[kept])
         if not len(pinched):

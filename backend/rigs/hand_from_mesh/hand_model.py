@@ -118,7 +118,7 @@ def check_name(path: Path, side: Side) -> None:
 
 
 def _wrist(heads: np.ndarray, joints: np.ndarray, skeleton: SourceSkeleton, bone: int) -> Wrist:
-    """The wrist joint, and the direction of the forearm from the bones above it."""
+    """Find the wrist joint, and the direction of the forearm from the bones above it."""
     length = hand_length_m(joints)
     position, above = heads[bone], skeleton.parents[bone]
     while above >= 0 and np.linalg.norm(heads[above] - position) < _ELBOW * length:

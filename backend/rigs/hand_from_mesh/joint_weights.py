@@ -16,7 +16,7 @@ _SAME_PLACE = 0.01
 
 
 def joints_of_bones(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray:
-    """[B] the joint that each bone moves with; `NO_JOINT` for bones that are not part of the hand.
+    """Find the joint [B] that each bone moves with; `NO_JOINT` for bones that are not part of the hand.
 
     Raises:
         LiveHandError: the map names a bone that the skeleton lacks.
@@ -33,7 +33,7 @@ def joints_of_bones(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray
 
 
 def joint_weights(weights: np.ndarray, joint_of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of the joints [N, 16], whose rows sum to 1, from those of the bones [N, B], and the hand's share [N].
+    """Collect weights of the joints [N, 16], rows of sum 1, from the bones' [N, B], and the hand's share [N].
 
     Weights of other bones, such as the forearm, are given to the wrist, so that the stump moves with it.
     """
@@ -48,7 +48,7 @@ def joint_weights(weights: np.ndarray, joint_of: np.ndarray) -> tuple[np.ndarray
 
 
 def _wrists(skeleton: SourceSkeleton, bones: list[int]) -> list[int]:
-    """The ancestors of the fingers that begin where the wrist does."""
+    """List the ancestors of the fingers that begin where the wrist does."""
     size_m = np.linalg.norm(skeleton.heads[bones] - skeleton.heads[bones[0]], axis=1).max()
     above = {ancestor for bone in bones[1:] for ancestor in skeleton.ancestors(bone)}
     near = np.linalg.norm(skeleton.heads - skeleton.heads[bones[0]], axis=1) < _SAME_PLACE * size_m

@@ -31,7 +31,7 @@ class MovedMesh(NamedTuple):
 
 
 def hand_pieces(mesh: MovedMesh, kept: np.ndarray, is_in_reach: np.ndarray) -> tuple[np.ndarray, int]:
-    """Of the kept faces [F], those of the pieces that make up the hand, and the number of moved pieces left out.
+    """Select of the kept faces [F] those of the hand's pieces, and count the moved pieces left out.
 
     The piece with most of the fingers comes first. Others are added unless they lie upon those before or inside them
     (nails, rings, bones), or beyond the hand's reach (props).
@@ -57,7 +57,7 @@ def hand_pieces(mesh: MovedMesh, kept: np.ndarray, is_in_reach: np.ndarray) -> t
 
 
 def main_parts(mesh: MovedMesh, kept: np.ndarray) -> np.ndarray:
-    """The kept faces [F] without crumbs: of each loose piece of the mesh, the connected part the hand moves most."""
+    """Drop crumbs from the kept faces [F]: of each loose piece, the connected part that the hand moves most stays."""
     whole = connected_components(mesh.faces, len(mesh.share))
     part = connected_components(mesh.faces[kept], len(mesh.share))
     used = np.unique(mesh.faces[kept])
@@ -72,7 +72,7 @@ def main_parts(mesh: MovedMesh, kept: np.ndarray) -> np.ndarray:
 
 
 def _is_covered(mesh: MovedMesh, own: np.ndarray, faces: np.ndarray) -> bool:
-    """Whether vertices lie on the surface of the faces, or inside it."""
+    """Tell whether vertices lie on the surface of the faces, or inside it."""
     points = mesh.vertices_m[own[:: -(-len(own) // _MOST_POINTS)]]
     triangles = mesh.vertices_m[faces]
     return bool((_is_near(points, triangles) | (np.abs(_winding(points, triangles)) > 0.5)).mean() >= _COVERED_SHARE)
@@ -92,7 +92,7 @@ def _is_near(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def _winding(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """[P] how often a surface winds around each point: 1 inside, -1 if it faces inward; 0 outside."""
+    """Compute [P] how often a surface winds around each point: 1 inside, -1 if it faces inward; 0 outside."""
     corners = triangles[None] - points[:, None, None]  # [P, F, 3, 3]
     a, b, c = np.moveaxis(corners, 2, 0)
     la, lb, lc = (np.linalg.norm(corner, axis=-1) for corner in (a, b, c))

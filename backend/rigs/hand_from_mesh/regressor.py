@@ -11,7 +11,7 @@ _EXACT_M = 1e-9
 
 
 def joint_regressor(vertices: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """[16, V] with rows that sum to 1 and give the joints exactly, of least norm on the nearest vertices of each.
+    """Solve for [16, V], rows of sum 1 that give the joints exactly, of least norm on the vertices nearest to each.
 
     Args:
         vertices: [V, 3] m.
@@ -41,7 +41,7 @@ def _row(vertices: np.ndarray, joint: np.ndarray) -> np.ndarray:
 
 
 def _weights(offsets: np.ndarray) -> np.ndarray:
-    """[n] of least norm, with sum 1 and a weighted mean offset of 0."""
+    """Solve for weights [n] of least norm, with sum 1 and a weighted mean offset of 0."""
     size = np.linalg.norm(offsets, axis=1).max()
     rows = np.vstack([np.ones(len(offsets)), offsets.T / size])
     weights, *_ = np.linalg.lstsq(rows, np.array([1.0, 0, 0, 0]), rcond=None)

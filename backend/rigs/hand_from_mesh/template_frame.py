@@ -19,7 +19,7 @@ _MOST_BACKWARDS = 0.06
 
 
 def world2template(joints: np.ndarray, side: Side) -> np.ndarray:
-    """[4, 4] rigid, from the world of the joints [16, 3] m to the template's frame.
+    """Fit the rigid transform [4, 4] from the world of the joints [16, 3] m to the template's frame.
 
     The wrist is moved to the built-in hand's, then the knuckles are aligned with its knuckles by rotation (Kabsch).
 
@@ -37,7 +37,7 @@ def world2template(joints: np.ndarray, side: Side) -> np.ndarray:
 
 
 def hand_length_m(joints: np.ndarray) -> float:
-    """From the wrist along the middle finger to its tip, which is taken to be a last bone beyond the last joint."""
+    """Measure from the wrist along the middle finger to its tip, taken to be a last bone beyond the last joint."""
     steps = np.linalg.norm(np.diff(joints[[0, 4, 5, 6]], axis=0), axis=1)
     return float(steps.sum() + steps[-1])
 

@@ -1,4 +1,4 @@
-"""How finely the light on a hand is sampled: less finely in pictures that move."""
+"""How finely the light on a hand is sampled: less finely in previews."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from .bounce import MOST_PROBES
 from .sky_samples import SKY_DIRECTIONS
 
 
-class Fineness(NamedTuple):
+class LightQuality(NamedTuple):
     """Of the light on a hand.
 
     Attributes:
@@ -21,6 +21,6 @@ class Fineness(NamedTuple):
     probes: int
 
 
-WHOLE = Fineness(SKY_DIRECTIONS, MOST_PROBES)
-MOVING = Fineness(16, 480)
-"""Pictures differ from those of `WHOLE` by 39 to 50 dB on the hand for the sky, and by 48 to 54 for the probes."""
+FINAL = LightQuality(SKY_DIRECTIONS, MOST_PROBES)
+PREVIEW = LightQuality(16, 480)
+"""Pictures differ from those of `FINAL` by 39 to 50 dB on the hand for the sky, and by 48 to 54 for the probes."""
