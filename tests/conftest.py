@@ -30,9 +30,9 @@ from livehand.backend.hand.topology import Skinning, topology_of
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.light import Lamp, Light, Sky
 from livehand.backend.records.shot import HandPose
-from livehand.backend.surface.fine_mesh import FineTemplate, fine_mesh
-from livehand.backend.surface.fine_surface import load_fine_surface
-from livehand.backend.system.process_end import end_process
+from livehand.backend.surface.detail_mesh import FineTemplate, fine_mesh
+from livehand.backend.surface.detail_surface import load_fine_surface
+from livehand.backend.system.processes import end_process
 from livehand.tools.builtin_hand import TEMPLATE
 from PIL import Image
 

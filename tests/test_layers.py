@@ -200,7 +200,7 @@ def test_every_folder_has_a_row_and_every_row_its_folders():
 def test_systems_are_told_apart_in_one_room():
     asking = {name for name, path in modules(ROOT).items() if ASKS_THE_SYSTEM.search(path.read_text(encoding="utf-8"))}
     assert {name for name in asking if not name.startswith(SYSTEM_ROOM)} == SYSTEM_MODULES
-    assert {f"{SYSTEM_ROOM}.{name}" for name in ("atomic_file", "process_identity", "signals")} <= asking
+    assert {f"{SYSTEM_ROOM}.{name}" for name in ("files", "processes")} <= asking
 
 
 @pytest.mark.slow

@@ -11,11 +11,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from ..field.bone_fields import BonesField
+from ..field.ablations import BonesField, XyzField
 from ..field.field import BakedField, FieldConfig, MlpField, PaperField, PlaneField
 from ..field.relightable import LitField
 from ..field.sampler import SamplerConfig
-from ..field.xyz_field import XyzField
 from ..image.superres import SuperResConfig, build_superres
 from ..records.light import Sky
 from ..surface.stored_surface import StoredSurface

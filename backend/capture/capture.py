@@ -27,10 +27,8 @@ from ..records.errors import LiveHandError
 from ..records.light import Light
 from ..records.shot import HandPose
 from ..records.side import Side
-from ..system.atomic_file import replacing
-from ..system.inner_path import inner_path
-from ..system.json_file import read_json
-from ..system.npz_file import npz_bytes, read_npz
+from ..system.files import inner_path, replacing
+from ..system.readers import npz_bytes, read_json, read_npz
 from .lights import CaptureLight, light_entry, read_light, write_skies
 from .picture import ALPHA_MODES, no_alpha, read_linear_picture, read_mask, read_picture, srgb_to_linear, straight
 

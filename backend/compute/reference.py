@@ -16,12 +16,13 @@ from ..field.rays import CameraTensors, HandInView, RenderedRays, SurfaceRays, s
 from ..field.relightable import LitField
 from ..field.sampler import SamplerConfig, first_hit
 from ..field.shade import shade
-from ..field.trace import trace
+from ..field.surface_tracking import trace
 from ..field.volume import Composite
 from ..geometry.local_rotation import local_rotations
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.lbs import skin_motion
-from ..image.relighting import (
+from ..image.edge_avoiding_filter import surface_means
+from ..image.shading import (
     LitImage,
     SkinDepth,
     lit_image,
@@ -30,17 +31,16 @@ from ..image.relighting import (
     shares_of_rays,
     smooth_enlarged_rays,
 )
-from ..image.surface_means import surface_means
-from ..light.bounce import SkinPlaces, bounced
+from ..light.indirect_diffuse import SkinPlaces, bounced
 from ..light.lighting import Openness, SurfacePoints, light_features, openness
+from ..light.near_field_light import near_light
 from ..light.shadow_maps import Bounds, LightViews, PointShadows, look_up_reference, point_shadows
-from ..light.surrounding_light import near_light
 from ..light.visibility import lit_share_reference, visibility_transfer
 from ..records.render_hooks import RenderHooks
-from ..surface.fine_mesh import fine_mesh, seen_surface
-from ..surface.part_edges import blended
+from ..surface.detail_mesh import fine_mesh, seen_surface
+from ..surface.edge_antialiasing import blended
 from ..surface.ray_hits import ray_hits
-from ..surface.skin_detail import detailed_image
+from ..surface.shading_detail import detailed_image
 from .precision import Precision, autocast, decoder_in_precision, in_precision
 
 RayRenderer = Callable[[HandInView, FrameConditions, RenderHooks], RenderedRays]
@@ -138,7 +138,7 @@ class ReferenceBackend:
         camera: CameraTensors,
         skin: SkinDepth,
     ) -> LitImage:
-        """As `image.relighting.lit_image`, by `smooth_enlarged_rays` and what follows it above."""
+        """As `image.shading.lit_image`, by `smooth_enlarged_rays` and what follows it above."""
         parts = self.smooth_enlarged_rays, self.shares_of_rays, self.normals_at_steps, self.view_directions
         return lit_image(superres, low, points, pixel, camera, skin, *parts)
 

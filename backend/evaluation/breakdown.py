@@ -22,7 +22,7 @@ from torch import Tensor
 
 from .metrics import psnr_db
 from .neighbourhood import distance_px, masked_blur
-from .seen_surface import SeenSurface
+from .visible_surface import SeenSurface
 
 _REFERENCE_PIXELS = 334 * 512
 _BAND_PX, _SHADING_SIGMA_PX, _FILL_SIGMA_PX = 3.0, 8.0, 3.0

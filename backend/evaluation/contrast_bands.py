@@ -15,9 +15,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from ..image.srgb import srgb_to_linear
-from .cie_lab import lightness
 from .neighbourhood import distance_px, masked_blur
-from .seen_surface import SeenSurface
+from .skin_colours import lightness
+from .visible_surface import SeenSurface
 
 BANDS_MM = ((1, 2), (2, 4), (4, 8), (8, 16))
 MARGIN_MM = 1.0

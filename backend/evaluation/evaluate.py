@@ -19,10 +19,8 @@ from ..records.shot import Shot
 from .contrast_bands import contrast_figures
 from .distances import Distance
 from .exposure import exposed, exposure_gain, is_reached
-from .figures import view_figures
-from .posed_hands import PosedHands
+from .figures import PosedHands, train_view_angles_deg, view_figures
 from .shot_renderer import ShotRenderer
-from .train_view_angle import train_view_angles_deg
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from torch.nn.functional import normalize
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.uvh import SurfaceSamples
-from ..light.quality import FINAL, LightQuality
+from ..light.samples import FINAL, LightQuality
 from ..records.camera import Camera
 from .volume import Composite
 

@@ -1,4 +1,4 @@
-"""A relightable field of planes: it returns coefficients that any light multiplies (`light.lighting`), and no colours.
+"""A lower bound that values can come back from in training.
 
 URHand (Chen et al. 2024) is linear in the light in the same way; its features come from the mesh, these from the rays.
 """
@@ -13,9 +13,29 @@ from torch import Tensor, nn
 from torch.nn.functional import normalize, softplus
 
 from ..light.lighting import COEFFICIENTS, LIT_FEATURES, Openness
-from .at_least import at_least
 from .field import FieldConfig, PlaneField, mean_features
 from .volume import Composite
+
+
+def at_least(values: Float[Tensor, "*n"], least: float) -> Float[Tensor, "*n"]:
+    """`values.clamp(min=least)`, through which gradients pass that raise what lies below.
+
+    Else a coefficient that some light drives below the bound gets no gradient any more, and stays there for good.
+    """
+    return _AtLeast.apply(values, least)
+
+
+class _AtLeast(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, values: Tensor, least: float) -> Tensor:
+        ctx.save_for_backward(values > least)
+        return values.clamp(min=least)
+
+    @staticmethod
+    def backward(ctx, *gradients: Tensor) -> tuple[Tensor, None]:
+        (is_above,), (gradient,) = ctx.saved_tensors, gradients
+        return gradient * (is_above | (gradient < 0)), None  # training goes against the gradient
+
 
 # Coefficients before training, as arguments of softplus: ambient, deep scattered, less deep scattered and diffuse light
 # (RGB each), and gloss. Red light goes deepest.

@@ -138,7 +138,7 @@ class LightSuperRes(ResidualSuperRes):
 
 
 class LitSuperRes(ResidualSuperRes):
-    """Detail of a relightable hand in no light; `image.relighting.detailed` adds it to the enlarged maps."""
+    """Detail of a relightable hand in no light; `image.shading.detailed` adds it to the enlarged maps."""
 
     def __init__(self, config: SuperResConfig):
         super().__init__(config, LIT_MAPS, LIT_DETAIL)

@@ -15,12 +15,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from .bounce import Probes, SkinPlaces, bounced_on_skin
-from .bump import bump_shadowing, leaving_share, mirroring_normal
-from .gloss import alphas, glossy, squared_alphas
+from .brdf import alphas, bump_shadowing, glossy, leaving_share, mirroring_normal, squared_alphas
+from .indirect_diffuse import Probes, SkinPlaces, bounced_on_skin
 from .lamp_samples import LampSamples
-from .light_samples import LightSamples
-from .mirrored_sky import MirroredSky
+from .prefiltered_environment import MirroredSky
+from .samples import LightSamples
 from .shadow_maps import PointShadows
 from .sky_samples import SkySamples
 
@@ -43,7 +42,7 @@ _TINY = 1e-8
 
 
 class ProbeLight(NamedTuple):
-    """What P probes of a hand's skin (`light.bounce`) receive from a light whose sky has K directions, and L lamps.
+    """What P probes (`light.indirect_diffuse`) receive from a light whose sky has K directions, and L lamps.
 
     Attributes:
         probes: the skin.

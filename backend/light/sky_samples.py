@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..records.light import Penumbra, Sky, sky_directions
-from .mirrored_sky import MirroredSky
+from .prefiltered_environment import MirroredSky
 from .shadow_maps import FAR, LightViews
 from .visibility import direction_frames
 

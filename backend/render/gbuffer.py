@@ -22,16 +22,16 @@ from ..field.rays import project
 from ..field.relightable import LitField
 from ..field.volume import Composite
 from ..image.crop import Crop
-from ..image.relighting import LitImage, SkinDepth, relit_rays
+from ..image.shading import LitImage, SkinDepth, relit_rays
 from ..light.lighting import LightFeatures, SurfacePoints, reflectance
 from ..light.shadow_maps import Bounds, PointShadows
 from ..light.sky_samples import SkySamples
 from ..records.depth_profile import DepthProfile
 from ..records.light import MeasuredLight
 from ..records.shot import Shot
-from ..surface.clear_rays import without_strays
+from ..surface.edge_antialiasing import PartEdges
 from ..surface.hairs import SeenHairs
-from ..surface.part_edges import PartEdges
+from ..surface.hole_filling import without_strays
 from .light_visibility import split_points
 from .primary_hits import HitSurface, PrimaryHits, shows_alone, surface_points
 

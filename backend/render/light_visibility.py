@@ -14,14 +14,14 @@ from torch import Tensor
 
 from ..compute.reference import ReferenceBackend
 from ..field.rays import HandInView
-from ..light.bounce import Probes, probe_vertices
+from ..light.indirect_diffuse import Probes, probe_vertices
 from ..light.lamp_samples import LampSamples
-from ..light.light_samples import LightSamples
 from ..light.lighting import LightFeatures, LightShadows, ProbeLight, SurfacePoints, light_at_probes
+from ..light.near_field_light import SurroundingLight
+from ..light.nearby_geometry import Patches
+from ..light.samples import LightSamples
 from ..light.shadow_maps import MAX_DEPTH_IN_M, Bounds, LightViews, PointShadows
 from ..light.sky_samples import SKY_DIRECTIONS, ShadowedSky, SkySamples
-from ..light.surrounding_light import SurroundingLight
-from ..light.surroundings import Patches
 from ..records.light import Light
 from .primary_hits import LampSkin, LampSkins
 

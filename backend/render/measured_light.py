@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, grid_sample
 
 from ..image.crop import Crop
-from ..image.surface_means import RayPlaces, SurfaceMeans, surface_means
+from ..image.edge_avoiding_filter import RayPlaces, SurfaceMeans, surface_means
 from ..light.lighting import LightFeatures, corrected
 from ..records.light import MeasuredLight
 

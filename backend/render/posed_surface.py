@@ -15,16 +15,16 @@ from ..field.rays import CameraTensors, HandInView, view_directions
 from ..geometry.local_rotation import LocalFrames
 from ..geometry.mesh import PosedMesh
 from ..hand.model import HandModel
-from ..image.relighting import LitImage, covered_pixels, doubled
+from ..image.shading import LitImage, covered_pixels, doubled
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
 from ..surface.detail_maps import DetailMaps
-from ..surface.fine_mesh import FineMesh, FineTemplate, LevelsOfDetail, on_surface
+from ..surface.detail_mesh import FineMesh, FineTemplate, LevelsOfDetail, on_surface
 from ..surface.hair_growth import Hairs
 from ..surface.hairs import PosedHairs
 from ..surface.ray_hits import RayHits
-from ..surface.skin_detail import PixelSkin, pixel_skin, with_skin
-from .known_skin import KnownSkin, hairs_on
+from ..surface.shading_detail import PixelSkin, pixel_skin, with_skin
+from .avatar_surface import KnownSkin, hairs_on
 
 
 class SurfaceInView(NamedTuple):

@@ -22,10 +22,10 @@ from ..field.volume import Composite
 from ..geometry.mesh import PosedMesh
 from ..geometry.rasterise import NearestFronts
 from ..image.maps import ray_of_pixel
-from ..image.relighting import SkinDepth, at_full_size, neighbours
-from ..light.bounce import PlacesOf, SkinPlaces
+from ..image.shading import SkinDepth, at_full_size, neighbours
+from ..light.indirect_diffuse import PlacesOf, SkinPlaces
 from ..light.lighting import SurfacePoints
-from ..surface.fine_mesh import FineMesh
+from ..surface.detail_mesh import FineMesh
 from ..surface.ray_hits import RayHits
 
 # Template metres: how far the skin stands out of the mesh, and by how much the depths of two surfaces differ.

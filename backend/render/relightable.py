@@ -13,7 +13,7 @@ Training (`training.step`) takes the same stages with a loss at its end. It diff
 is explicit: in this module's calls, or an argument of the stage that is named. What each costs or gains in dB has not
 been measured; both ways are as they were when the shipped avatars were trained.
 
-- Frames add rays where the field misses the avatar's surface, and fill clear ones (`surface.clear_rays`).
+- Frames add rays where the field misses the avatar's surface, and fill clear ones (`surface.hole_filling`).
 - Of a ray beside an outline, frames ask its opacity which surface it shows (`shown` of `primary_hits` and of
   `skin_at_full_size`); training takes the nearer one, for it keeps places and shadows while opacities are learnt.
 - Pixels take light from rays at their own depth (`skin` of `RelightableNetworks.enlarged`): in frames at that of the
@@ -43,21 +43,21 @@ from ..compute.precision import Precision
 from ..field.relightable import LitField
 from ..field.sampler import SamplerConfig
 from ..image.decode import linear_frame
+from ..image.edge_avoiding_filter import RayPlaces, smoothed_light
 from ..image.maps import depth_profile
-from ..image.relighting import LitImage, SkinDepth, doubled
-from ..image.surface_means import RayPlaces, smoothed_light
+from ..image.shading import LitImage, SkinDepth, doubled
 from ..light.lamp_samples import LampSamples
-from ..light.light_samples import LightSamples
 from ..light.lighting import LightFeatures
+from ..light.samples import LightSamples
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light, Sky
 from ..records.shot import Shot
 from ..records.surface_mesh import SurfaceMesh
-from ..surface.clear_rays import completed, filled
 from ..surface.hairs import seen_hairs, with_hairs
+from ..surface.hole_filling import completed, filled
 from .albedo import vertex_albedo
+from .avatar_surface import skin_of
 from .gbuffer import DecodedRays, GBuffer, RelightableNetworks, SurfaceLayer
-from .known_skin import skin_of
 from .light_visibility import NO_OCCLUDERS, LightVisibility, light_visibility, sky_shadows
 from .measured_light import AtRays, measured_at
 from .pipeline import Pipeline, PosedShot

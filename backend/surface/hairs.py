@@ -19,9 +19,9 @@ from torch.nn.functional import normalize
 from ..field.rays import CameraTensors, project, ray_origin
 from ..geometry.tolerances import NEAR_M
 from ..image.maps import ray_of_pixel
-from ..image.relighting import ray_rows, with_ray_rows
+from ..image.shading import ray_rows, with_ray_rows
 from ..light.lighting import LightFeatures, sky_on
-from .fine_mesh import FineMesh, blend_corners
+from .detail_mesh import FineMesh, blend_corners
 from .hair_growth import Hairs
 
 SEGMENTS = 6

@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from ..field.rays import CameraTensors, project, ray_origin
-from .fine_mesh import FineMesh, barycentric, blend_corners, first_fronts
+from .detail_mesh import FineMesh, barycentric, blend_corners, first_fronts
 
 _SAME_PART = 0.5  # of the depth by which two surfaces differ; held-out views like 1 and 0.25 less
 

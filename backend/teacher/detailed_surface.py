@@ -15,7 +15,7 @@ import numpy as np
 from ..hand.gestures import FingerAxes
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError
-from ..surface.raised_skin import PoseForm, RaisedSkin
+from ..surface.detail_surface import PoseForm, RaisedSkin
 from .dependencies import needs
 from .forearm import FOREARM_MM, STUMP_MM
 from .frames import build_to_template, swap_distal, template_to_build

@@ -28,7 +28,7 @@ from ..image.srgb import linear_to_srgb
 from ..records.errors import LiveHandError
 from ..records.light import Light
 from ..records.shot import HandPose
-from ..render.known_skin import skin_of_capture
+from ..render.avatar_surface import skin_of_capture
 from ..render.light_groups import LightGroups
 from ..render.light_visibility import (
     NO_OCCLUDERS,

@@ -14,8 +14,8 @@ from ..avatars.avatar import Avatar
 from ..capture.capture import Capture, save_capture_index
 from ..hand.model import HandModel
 from ..hand.model_file import ARM_KEY, load_hand_model
-from ..system.atomic_file import replacing
-from ..system.npz_file import npz_bytes
+from ..system.files import replacing
+from ..system.readers import npz_bytes
 from .parts import Correction
 from .refinement import Refinement, RefinementConfig
 

@@ -22,13 +22,12 @@ from ..image.superres import NoSuperRes
 from ..records.errors import LiveHandError
 from ..render.gbuffer import RelightableNetworks
 from ..render.primary_hits import skin_at_full_size
-from .clock import Clock
 from .config import TrainConfig
 from .lit_views import MixedLight, mixed
 from .losses import PerceptualDistance, crop_loss
 from .parts import Correction, Rendered, TrainedParts, set_rates
 from .processes import ComputeSetup
-from .schedule import ScheduleState, views_of_step
+from .schedule import Clock, ScheduleState, views_of_step
 from .views import TrainingView, TrainingViews
 
 _MAX_NAMED_FILES = 5

@@ -8,7 +8,7 @@ from livehand.backend.capture.exr import read_exr
 from livehand.backend.capture.lights import CaptureLight
 from livehand.backend.field.rays import camera_tensors
 from livehand.backend.light.lighting import LightFeatures
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.prefiltered_environment import MirroredSky
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.light import Lamp, Light, rotation_facing
 from livehand.backend.surface import hairs

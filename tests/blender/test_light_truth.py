@@ -15,9 +15,9 @@ from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.topology import topology_of
-from livehand.backend.light.bounce import SkinPlaces
-from livehand.backend.light.light_samples import LightSamples
+from livehand.backend.light.indirect_diffuse import SkinPlaces
 from livehand.backend.light.lighting import SurfacePoints, diffuse_light
+from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds
 from livehand.backend.records.light import Lamp, Light
 from livehand.backend.records.shot import Shot

@@ -7,7 +7,7 @@ import blf
 import bpy
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.system import dependencies
+from livehand.backend.system import packages as dependencies
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.sliders import SLIDERS
 from livehand.livehand_blender.ui import avatars, compositing, hand_model, motion, panels, picker

@@ -15,14 +15,14 @@ from livehand.backend.compute.kernels.nearby import NearArrays
 from livehand.backend.compute.kernels.shadow import ShadowPoints
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.volume import Composite
-from livehand.backend.image.relighting import EnlargedRays
+from livehand.backend.image.shading import EnlargedRays
 from livehand.backend.light.lamp_samples import LampSamples
 from livehand.backend.light.lighting import LightFeatures, SurfacePoints
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.near_field_light import NearLight
+from livehand.backend.light.prefiltered_environment import MirroredSky
 from livehand.backend.light.shadow_maps import PointShadows
-from livehand.backend.light.surrounding_light import NearLight
 from livehand.backend.light.visibility import ShadowMapPoints
-from livehand.backend.surface.part_edges import SurfaceBones
+from livehand.backend.surface.edge_antialiasing import SurfaceBones
 
 # What numba leaves to the reference: sequences of stages, of which it overrides the costly parts.
 LEFT_TO_THE_REFERENCE = {"visibility", "point_shadows", "lit_image"}

@@ -1,4 +1,4 @@
-"""Rays traced by the kernels (`compute.cpu.rays.trace`) against the reference (`field.trace`)."""
+"""Rays traced by the kernels (`compute.cpu.rays.trace`) against the reference (`field.surface_tracking`)."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import torch
 from livehand.backend.compute.cpu.rays import first_hit, live_rays, rasterise_shell, trace
 from livehand.backend.field.rays import CameraTensors, HandInView
 from livehand.backend.field.sampler import SAMPLES_AT_SURFACE, SamplerConfig
-from livehand.backend.field.trace import trace as trace_reference
+from livehand.backend.field.surface_tracking import trace as trace_reference
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.uvh import interpolate
 

@@ -14,7 +14,7 @@ from livehand.backend.evaluation.breakdown import (
     with_other_alpha,
 )
 from livehand.backend.evaluation.metrics import psnr_db
-from livehand.backend.evaluation.seen_surface import SeenSurface
+from livehand.backend.evaluation.visible_surface import SeenSurface
 
 SIZE = (512, 334)
 ROWS, COLUMNS = torch.meshgrid(torch.arange(512.0), torch.arange(334.0), indexing="ij")

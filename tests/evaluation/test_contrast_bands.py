@@ -11,7 +11,7 @@ from livehand.backend.evaluation.contrast_bands import (
     contrast,
     contrast_figures,
 )
-from livehand.backend.evaluation.seen_surface import SeenSurface
+from livehand.backend.evaluation.visible_surface import SeenSurface
 from livehand.backend.image.srgb import linear_to_srgb
 
 MM_PER_PX = 0.25

@@ -23,7 +23,7 @@ from livehand.backend.evaluation.contact_sheet import (
 )
 from livehand.backend.evaluation.distances import Distance
 from livehand.backend.evaluation.evaluate import check_any, encoded_on_black, scored_views
-from livehand.backend.evaluation.summary import summary
+from livehand.backend.evaluation.report import summary
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.hand.lbs import SkinTensors, pose_hand, posed_vertices

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 import torch
-from livehand.backend.evaluation.figures import view_figures
-from livehand.backend.evaluation.flip import has_flip
-from livehand.backend.evaluation.seen_surface import SeenSurface
+from livehand.backend.evaluation.figures import has_flip, view_figures
+from livehand.backend.evaluation.visible_surface import SeenSurface
 
 
 def pair():

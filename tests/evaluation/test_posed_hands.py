@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.evaluation.posed_hands import PosedHands
+from livehand.backend.evaluation.figures import PosedHands
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.evaluation.seen_surface import seen_surface, vertex_openness
+from livehand.backend.evaluation.visible_surface import seen_surface, vertex_openness
 from livehand.backend.field.rays import camera_tensors, ray_directions
 from livehand.backend.records.camera import Camera, look_at
 

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from livehand.backend.field.at_least import at_least
+from livehand.backend.field.relightable import at_least
 
 
 def test_values_are_clamped():

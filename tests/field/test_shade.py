@@ -10,7 +10,7 @@ from livehand.backend.field.field import FieldConfig, PaperField
 from livehand.backend.field.rays import HandInView, split_rays
 from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.field.shade import shade
-from livehand.backend.field.trace import trace as trace_reference
+from livehand.backend.field.surface_tracking import trace as trace_reference
 from livehand.backend.field.volume import Composite
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.records.render_hooks import RenderHooks

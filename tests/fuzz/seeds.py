@@ -21,7 +21,7 @@ from livehand.backend.avatars.metadata import HEADER_KEY, read_metadata
 from livehand.backend.batch.frame_file import is_finished
 from livehand.backend.batch.frame_records import joined_records, kept_records, read_records, record_of
 from livehand.backend.batch.frame_selection import parse_chunk, parse_frames
-from livehand.backend.batch.lease_owner import read_owner, signature
+from livehand.backend.batch.leases import read_owner, signature
 from livehand.backend.batch.shot_version import ShotVersion, others_message
 from livehand.backend.capture.capture import Capture, CaptureView, load_capture, save_capture_index
 from livehand.backend.capture.exr import read_exr, write_exr
@@ -49,7 +49,7 @@ from livehand.backend.research.comparison.grid import load_pictures, save_pictur
 from livehand.backend.surface.base_surface import surface_of_person
 from livehand.backend.surface.surface_file import read_surface, write_surface
 from livehand.backend.system.command import parse_size_px
-from livehand.backend.system.json_file import read_json
+from livehand.backend.system.readers import read_json
 from livehand.backend.tracking import sighted_take, video
 from livehand.backend.tracking.film_clock import FilmClock
 from livehand.backend.training.checkpoint import Progress, TrainState, load_checkpoint, save_checkpoint

@@ -4,7 +4,7 @@ import pytest
 import torch
 from livehand.backend.field.rays import HandInView, ray_origin
 from livehand.backend.field.sampler import SamplerConfig
-from livehand.backend.field.trace import trace
+from livehand.backend.field.surface_tracking import trace
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.reprojection import reproject
 from livehand.backend.geometry.uvh import interpolate

@@ -8,7 +8,7 @@ import torch
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.rays import CameraTensors, camera_tensors, ray_directions
 from livehand.backend.field.volume import Composite
-from livehand.backend.image.relighting import (
+from livehand.backend.image.shading import (
     EnlargedRays,
     RaysAround,
     SkinDepth,
@@ -23,7 +23,7 @@ from livehand.backend.image.relighting import (
     smoothed_rays,
 )
 from livehand.backend.image.superres import SuperResConfig, build_superres, enlarge
-from livehand.backend.light.bounce import SkinPlaces
+from livehand.backend.light.indirect_diffuse import SkinPlaces
 from livehand.backend.light.lighting import (
     COEFFICIENTS,
     DIFFUSE,
@@ -34,7 +34,7 @@ from livehand.backend.light.lighting import (
     LightFeatures,
     SurfacePoints,
 )
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.prefiltered_environment import MirroredSky
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Sky
 from torch.nn.functional import normalize

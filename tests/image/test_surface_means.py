@@ -2,10 +2,10 @@
 
 import pytest
 import torch
-from livehand.backend.image.relighting import ray_rows, with_ray_rows
-from livehand.backend.image.surface_means import OFF_PLANE_M, RayPlaces, smoothed_light, surface_means
+from livehand.backend.image.edge_avoiding_filter import OFF_PLANE_M, RayPlaces, smoothed_light, surface_means
+from livehand.backend.image.shading import ray_rows, with_ray_rows
 from livehand.backend.light.lighting import LightFeatures
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.prefiltered_environment import MirroredSky
 
 
 def slanted_plane(width, height, step_m=0.0005, behind_from=None):

@@ -4,7 +4,7 @@ from math import pi
 
 import pytest
 import torch
-from livehand.backend.light.bounce import MOST_PROBES, Probes, SkinPlaces, bounced_on_skin, probe_vertices
+from livehand.backend.light.indirect_diffuse import MOST_PROBES, Probes, SkinPlaces, bounced_on_skin, probe_vertices
 from torch.nn.functional import normalize
 
 UP, DOWN = torch.tensor([0.0, 0, 1]), torch.tensor([0.0, 0, -1])

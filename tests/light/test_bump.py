@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.compute.kernels import brdf
-from livehand.backend.light.bump import LEAST_MIRRORED, bump_shadowing, leaving_share, mirroring_normal
+from livehand.backend.light.brdf import LEAST_MIRRORED, bump_shadowing, leaving_share, mirroring_normal
 from torch.nn.functional import normalize
 
 UP = torch.tensor([0.0, 0, 1])

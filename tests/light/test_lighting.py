@@ -5,10 +5,16 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.light.bounce import Probes, SkinPlaces
-from livehand.backend.light.bump import bump_shadowing, mirroring_normal
-from livehand.backend.light.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS, fresnel, glossy
-from livehand.backend.light.light_samples import LightSamples
+from livehand.backend.light.brdf import (
+    INDEX,
+    NAIL_ROUGHNESS,
+    ROUGHNESS,
+    bump_shadowing,
+    fresnel,
+    glossy,
+    mirroring_normal,
+)
+from livehand.backend.light.indirect_diffuse import Probes, SkinPlaces
 from livehand.backend.light.lighting import (
     COEFFICIENTS,
     DIFFUSE,
@@ -27,7 +33,8 @@ from livehand.backend.light.lighting import (
     lit_colour,
     openness,
 )
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.prefiltered_environment import MirroredSky
+from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds, PointShadows
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS, SkySamples
 from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing

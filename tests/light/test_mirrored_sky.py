@@ -5,8 +5,8 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.light.gloss import alphas, fresnel, glossy
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.brdf import alphas, fresnel, glossy
+from livehand.backend.light.prefiltered_environment import MirroredSky
 from livehand.backend.light.sky_samples import SkySamples
 from livehand.backend.records.light import Sky, sky_directions
 from torch.nn.functional import normalize

@@ -5,8 +5,7 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.light.gloss import glossy
-from livehand.backend.light.round_lobes import (
+from livehand.backend.light.brdf import (
     AHEAD,
     COSINES,
     LEAST_ROUGHNESS,
@@ -15,6 +14,7 @@ from livehand.backend.light.round_lobes import (
     UP,
     WIDTH,
     WIDTHS,
+    glossy,
     lobes_at,
     round_lobes,
     round_weight,

@@ -1,8 +1,7 @@
 """Which pieces triangles hide from a hand, against rays."""
 
 import numpy as np
-from livehand.backend.light.screens import Screens
-from livehand.backend.light.surface_pieces import Pieces
+from livehand.backend.light.nearby_geometry import Pieces, Screens
 
 NEAR = np.array([[0.0, 0, 1], [0.02, 0, 1.05]])
 GROUND = np.array([[[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]])

@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.light.light_samples import LightSamples
+from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS, UNDIVIDED, SkySamples, division_of
 from livehand.backend.records.light import Light, Sky, sky_directions

@@ -7,14 +7,14 @@ import pytest
 import torch
 from livehand.backend.capture.varied_light import box_triangles
 from livehand.backend.field.rays import HandInView
-from livehand.backend.light.bounce import Probes, SkinPlaces
+from livehand.backend.light.indirect_diffuse import Probes, SkinPlaces
 from livehand.backend.light.lamp_samples import LampSamples
-from livehand.backend.light.light_samples import LightSamples
 from livehand.backend.light.lighting import ProbeLight, SurfacePoints
+from livehand.backend.light.near_field_light import SurroundingLight, cell_of, sky_cells
+from livehand.backend.light.nearby_geometry import MOST_PATCHES, Patches, PatchPoints
+from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds, PointShadows
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS, SkySamples
-from livehand.backend.light.surrounding_light import SurroundingLight, cell_of, sky_cells
-from livehand.backend.light.surroundings import MOST_PATCHES, Patches, PatchPoints
 from livehand.backend.records.light import Lamp, Light
 from livehand.backend.render.light_visibility import surrounding_light
 from torch.nn.functional import normalize

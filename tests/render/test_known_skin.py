@@ -17,9 +17,9 @@ from livehand.backend.hand.lbs import posed_vertices, skin_motion
 from livehand.backend.hand.topology import topology_of
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
-from livehand.backend.render.known_skin import hairs_on, skin_of
+from livehand.backend.render.avatar_surface import hairs_on, skin_of
 from livehand.backend.surface.base_surface import base_arrays, surface_of_person
-from livehand.backend.surface.fine_mesh import FineTemplate, fine_mesh
+from livehand.backend.surface.detail_mesh import FineTemplate, fine_mesh
 
 CPU = torch.device("cpu")
 # Goes with Rough Relighting, which asks for the light that is baked into an avatar.

@@ -9,12 +9,11 @@ from livehand.backend.field.relightable import LitField
 from livehand.backend.field.volume import Composite
 from livehand.backend.geometry.mesh import PosedMesh
 from livehand.backend.geometry.rasterise import NearestFronts
-from livehand.backend.image.relighting import SkinDepth
-from livehand.backend.light.bounce import SkinPlaces, bounced_on_skin, probe_vertices
+from livehand.backend.image.shading import SkinDepth
+from livehand.backend.light.indirect_diffuse import SkinPlaces, bounced_on_skin, probe_vertices
 from livehand.backend.light.lamp_samples import LampSamples
-from livehand.backend.light.light_samples import LightSamples
 from livehand.backend.light.lighting import SurfacePoints, light_features
-from livehand.backend.light.quality import FINAL, LightQuality
+from livehand.backend.light.samples import FINAL, LightQuality, LightSamples
 from livehand.backend.light.shadow_maps import FAR, Bounds, LightViews
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS
 from livehand.backend.light.visibility import direction_frames
@@ -37,8 +36,8 @@ from livehand.backend.render.primary_hits import (
     shows_alone,
     surface_points,
 )
-from livehand.backend.surface.fine_mesh import FineMesh
-from livehand.backend.surface.part_edges import SurfaceBones
+from livehand.backend.surface.detail_mesh import FineMesh
+from livehand.backend.surface.edge_antialiasing import SurfaceBones
 from livehand.backend.surface.ray_hits import RayHits
 
 SIZE = (4, 1)

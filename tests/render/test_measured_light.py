@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 from livehand.backend.image.crop import Crop
-from livehand.backend.image.surface_means import OFF_PLANE_M, RayPlaces
+from livehand.backend.image.edge_avoiding_filter import OFF_PLANE_M, RayPlaces
 from livehand.backend.records.light import MeasuredLight
 from livehand.backend.render.measured_light import AtRays, measured_at, without_noise
 

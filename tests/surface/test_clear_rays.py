@@ -5,11 +5,11 @@ import pytest
 import torch
 from livehand.backend.field.rays import RenderedRays, camera_tensors, ray_directions
 from livehand.backend.field.volume import Composite
-from livehand.backend.image.relighting import SkinDepth, neighbours, shares_of_rays
-from livehand.backend.light.bounce import SkinPlaces
+from livehand.backend.image.shading import SkinDepth, neighbours, shares_of_rays
+from livehand.backend.light.indirect_diffuse import SkinPlaces
 from livehand.backend.light.lighting import SurfacePoints
 from livehand.backend.records.camera import Camera
-from livehand.backend.surface.clear_rays import CLEAR, OPAQUE, completed, filled, without_strays
+from livehand.backend.surface.hole_filling import CLEAR, OPAQUE, completed, filled, without_strays
 from livehand.backend.surface.ray_hits import RayHits
 from torch.nn.functional import normalize
 

@@ -15,7 +15,7 @@ from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
 from livehand.backend.hand.topology import topology_of
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.shot import HandPose
-from livehand.backend.surface.fine_mesh import (
+from livehand.backend.surface.detail_mesh import (
     MOST_EDGE_PX,
     SAMPLES,
     FineMesh,
@@ -26,8 +26,8 @@ from livehand.backend.surface.fine_mesh import (
     on_surface,
     spread,
 )
-from livehand.backend.surface.fine_surface import load_fine_surface
-from livehand.backend.surface.part_edges import SPREAD, SurfaceBones
+from livehand.backend.surface.detail_surface import load_fine_surface
+from livehand.backend.surface.edge_antialiasing import SPREAD, SurfaceBones
 
 AT_REST = HandPose(np.zeros((16, 3)), np.zeros(10), np.zeros(3))
 SIZE, ONE = (48, 40), torch.tensor(1.0)

@@ -10,8 +10,8 @@ from livehand.backend.hand.gestures import FingerAxes
 from livehand.backend.hand.lbs import skin_motion
 from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.records.shot import HandPose
-from livehand.backend.surface.fine_mesh import FineTemplate, fine_mesh
-from livehand.backend.surface.fine_surface import HEIGHT_STEP_MM, LEVELS, VEIN_STEP, load_fine_surface, surface_arrays
+from livehand.backend.surface.detail_mesh import FineTemplate, fine_mesh
+from livehand.backend.surface.detail_surface import HEIGHT_STEP_MM, LEVELS, VEIN_STEP, load_fine_surface, surface_arrays
 from livehand.backend.teacher.detailed_surface import detailed_surface
 from livehand.backend.teacher.loop import subdivide
 from livehand.tools.builtin_hand import TEMPLATE

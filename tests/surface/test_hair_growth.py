@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from livehand.backend.surface.base_surface import HAIR_FILE, base_arrays
-from livehand.backend.surface.fine_mesh import FineTemplate
-from livehand.backend.surface.fine_surface import load_fine_surface
+from livehand.backend.surface.detail_mesh import FineTemplate
+from livehand.backend.surface.detail_surface import load_fine_surface
 from livehand.backend.surface.hair_growth import REGIONS, HairGrowth, HairySkin, grown_hairs
 from livehand.tools.builtin_hand.hair_shares import MIDDLE, PROXIMAL, WRIST, hair_shares
 

@@ -7,9 +7,10 @@ import pytest
 import torch
 from livehand.backend.field.rays import camera_tensors
 from livehand.backend.light.lighting import LightFeatures
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.prefiltered_environment import MirroredSky
 from livehand.backend.records.camera import Camera
-from livehand.backend.surface.fine_mesh import FineMesh
+from livehand.backend.surface.detail_mesh import FineMesh
+from livehand.backend.surface.edge_antialiasing import SurfaceBones
 from livehand.backend.surface.hair_growth import Hairs
 from livehand.backend.surface.hairs import (
     ABOVE_SKIN_M,
@@ -24,7 +25,6 @@ from livehand.backend.surface.hairs import (
     seen_hairs,
     with_hairs,
 )
-from livehand.backend.surface.part_edges import SurfaceBones
 
 SIZE, FOCAL_PX, DEPTH_M = (40, 32), 1000.0, 0.5
 EVERY_RAY = torch.arange(SIZE[0] * SIZE[1] // 4)

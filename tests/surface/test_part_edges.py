@@ -5,8 +5,8 @@ import pytest
 import torch
 from livehand.backend.field.rays import camera_tensors
 from livehand.backend.records.camera import Camera
-from livehand.backend.surface.fine_mesh import FineMesh
-from livehand.backend.surface.part_edges import SPREAD, PartEdges, SurfaceBones
+from livehand.backend.surface.detail_mesh import FineMesh
+from livehand.backend.surface.edge_antialiasing import SPREAD, PartEdges, SurfaceBones
 
 SIZE = (48, 40)
 NEAR_M, FAR_M = 1.0, 1.5

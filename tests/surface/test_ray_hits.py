@@ -5,8 +5,8 @@ import torch
 import trimesh
 from livehand.backend.field.rays import camera_tensors, ray_directions, ray_origin
 from livehand.backend.records.camera import Camera
-from livehand.backend.surface.fine_mesh import FineMesh
-from livehand.backend.surface.part_edges import SurfaceBones
+from livehand.backend.surface.detail_mesh import FineMesh
+from livehand.backend.surface.edge_antialiasing import SurfaceBones
 from livehand.backend.surface.ray_hits import RayHits
 from torch.nn.functional import normalize
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.field.rays import camera_tensors, ray_origin, view_directions
-from livehand.backend.image.relighting import LitImage
-from livehand.backend.light.gloss import ROUGHNESS
+from livehand.backend.image.shading import LitImage
+from livehand.backend.light.brdf import ROUGHNESS
 from livehand.backend.light.lighting import COEFFICIENTS, DIFFUSE, GLOSS, SCATTERED
 from livehand.backend.records.camera import Camera
 from livehand.backend.surface.detail_maps import BUMP, DORSAL_MM, PALMAR_MM, PIGMENT_COLOUR, DetailMaps, SkinLook
 from livehand.backend.surface.detail_maps_file import ATLAS_MM, SkinBend, SkinDetail, SkinMaps
-from livehand.backend.surface.fine_mesh import FineMesh, seen_surface
-from livehand.backend.surface.part_edges import SurfaceBones
-from livehand.backend.surface.skin_detail import FOLD_LOG_ALBEDO, SHARPER, PixelSkin, pixel_skin, with_skin
+from livehand.backend.surface.detail_mesh import FineMesh, seen_surface
+from livehand.backend.surface.edge_antialiasing import SurfaceBones
+from livehand.backend.surface.shading_detail import FOLD_LOG_ALBEDO, SHARPER, PixelSkin, pixel_skin, with_skin
 from torch.nn.functional import normalize
 
 N, SIDE_M, SIZE = 64, 0.27, (24, 20)

@@ -10,10 +10,10 @@ from livehand.backend.capture.capture import Capture, SurfaceReference, save_cap
 from livehand.backend.capture.exr import write_exr
 from livehand.backend.capture.lights import CaptureLight
 from livehand.backend.capture.person import Person
-from livehand.backend.evaluation.summary import summary
+from livehand.backend.evaluation.report import summary
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.light.light_samples import LightSamples
 from livehand.backend.light.lighting import COEFFICIENTS
+from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS
 from livehand.backend.records.errors import LiveHandError

@@ -13,13 +13,12 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.surface.base_surface import surface_of_person
 from livehand.backend.surface.surface_file import surface_sha256, write_surface
-from livehand.backend.training.clock import Clock, Interval
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
 from livehand.backend.training.metric_writers import JsonLinesLog, TensorBoardLog
 from livehand.backend.training.preview import HeldOutPreview, _spread_order
 from livehand.backend.training.report import TrainingReport, preview_path
-from livehand.backend.training.schedule import Schedule
+from livehand.backend.training.schedule import Clock, Interval, Schedule
 from livehand.backend.training.step import StepResult
 from livehand.tests.builders import scores_of
 from PIL import Image

@@ -8,8 +8,8 @@ import torch
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.relightable import LitField
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.training import transfer
-from livehand.backend.training.transfer import transfer_planes
+from livehand.backend.training import setup as transfer
+from livehand.backend.training.setup import transfer_planes
 
 CONFIG = FieldConfig(planes=((48, 3, 2), (64, 1, 4)), relief=32, light="linear")
 

@@ -1,4 +1,4 @@
-"""Makes the file of the built-in hand's fine surface (`surface/fine_surface.py`) from the detailed surface.
+"""Makes the file of the built-in hand's fine surface (`surface/detail_surface.py`) from the detailed surface.
 
 python -m livehand.tools.builtin_hand.fine_offsets FOLDER
 """
@@ -12,9 +12,8 @@ from pathlib import Path
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.surface.base_surface import SURFACE_FILE, file_arrays
-from ...backend.surface.fine_surface import LEVELS, FineSurface, surface_arrays
-from ...backend.surface.raised_skin import RaisedSkin
-from ...backend.system.npz_file import npz_bytes
+from ...backend.surface.detail_surface import LEVELS, FineSurface, RaisedSkin, surface_arrays
+from ...backend.system.readers import npz_bytes
 from ...backend.teacher.detailed_surface import DetailedSurface, detailed_surface
 from ...backend.teacher.loop import neighbour_mean, subdivide
 

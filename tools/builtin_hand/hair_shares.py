@@ -17,10 +17,10 @@ import numpy as np
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.surface.base_surface import HAIR_FILE
-from ...backend.surface.fine_mesh import FineTemplate
-from ...backend.surface.fine_surface import load_fine_surface
+from ...backend.surface.detail_mesh import FineTemplate
+from ...backend.surface.detail_surface import load_fine_surface
 from ...backend.surface.hair_growth import REGIONS
-from ...backend.system.npz_file import npz_bytes
+from ...backend.system.readers import npz_bytes
 
 WRIST, PROXIMAL, MIDDLE = 0, (1, 4, 7, 10), (2, 5, 8, 11)
 """Bones that bear hairs, MANO's numbers; the first moves the palm and the forearm."""

@@ -11,7 +11,7 @@ import numpy as np
 from ...backend.geometry.loop import split_corners
 from ...backend.hand.model import HandModel
 from ...backend.surface.detail_maps_file import ATLAS_MM
-from ...backend.surface.fine_surface import LEVELS
+from ...backend.surface.detail_surface import LEVELS
 from ...backend.teacher.dependencies import needs
 from ...backend.teacher.detailed_surface import DetailedSurface
 from ...backend.teacher.loop import subdivide

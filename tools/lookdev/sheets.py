@@ -12,11 +12,10 @@ import numpy as np
 import torch
 
 from ...backend.capture.person import Person
-from ...backend.evaluation.cie_lab import lab
 from ...backend.evaluation.contact_sheet import label_strip, on_background, save_sheet, tile
 from ...backend.evaluation.contrast_bands import BANDS_MM, SPAN, band_key, contrast
 from ...backend.evaluation.sheet_command import read_frame
-from ...backend.evaluation.skin_colours import BACK, colour_findings
+from ...backend.evaluation.skin_colours import BACK, colour_findings, lab
 from ...backend.hand.model import HandModel
 from ...backend.hand.posed_bones import bone_frames
 from ...backend.image.srgb import srgb_to_linear

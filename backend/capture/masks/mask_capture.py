@@ -16,7 +16,7 @@ from tqdm import tqdm
 from ...hand.lbs import posed_arrays
 from ...hand.model import HandModel
 from ...records.errors import LiveHandError
-from ...system.atomic_file import replacing
+from ...system.files import replacing
 from ..capture import Capture, CaptureView, load_capture, save_capture_index
 from ..picture import (
     ALPHA_MODES,

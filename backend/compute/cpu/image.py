@@ -1,4 +1,4 @@
-"""The full-size image by kernels, without gradients: as `image.relighting` and `image.surface_means`."""
+"""The full-size image by kernels, without gradients: as `image.shading` and `image.edge_avoiding_filter`."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ...field.rays import CameraTensors
-from ...image.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, ray_depths, ray_rows
-from ...image.surface_means import FACING_POWER, SHARES, RayPlaces
+from ...image.edge_avoiding_filter import FACING_POWER, SHARES, RayPlaces
+from ...image.shading import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, ray_depths, ray_rows
+from ...light.brdf import LEAST_ROUGHNESS
 from ...light.lighting import COEFFICIENTS, BumpedSkin, LightFeatures
-from ...light.mirrored_sky import SIDE
-from ...light.round_lobes import LEAST_ROUGHNESS
+from ...light.prefiltered_environment import SIDE
 from ..kernels.brdf import MirrorArrays
 from ..kernels.edges import RaysOnSurface, mean_over_surface
 from ..kernels.image import (
@@ -35,7 +35,7 @@ MIN_ALPHA_32 = np.float32(MIN_ALPHA)
 def smooth_enlarged_rays(
     maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
 ) -> EnlargedRays:
-    """As `image.relighting.smooth_enlarged_rays`; the pixels are in order."""
+    """As `image.shading.smooth_enlarged_rays`; the pixels are in order."""
     count, (height, width) = len(covered), detail.shape[1:]
     buffers = (torch.empty(count, COEFFICIENTS), torch.empty(count, 3), torch.zeros(height * width))
     out = EnlargedArrays(*(values.numpy() for values in buffers))
@@ -54,7 +54,7 @@ def shares_of_rays(
     at: Int[Tensor, " P"],
     skin: SkinDepth,
 ) -> Float[Tensor, "P 4"]:
-    """As `image.relighting.shares_of_rays`."""
+    """As `image.shading.shares_of_rays`."""
     depth, shares = ray_depths(position, pixel, camera), torch.empty(len(at), 4)
     arrays, out = as_arrays(at, depth, skin.depth), shares.numpy()
     where = arrays[0], camera.size_px[0], *arrays[1:], np.float32(skin.edge_m)
@@ -65,7 +65,7 @@ def shares_of_rays(
 def normals_at_steps(
     normal: Float[Tensor, "P 3"], relief_normal: Float[Tensor, "R 3"], rays: RaysAround
 ) -> Float[Tensor, "P 3"]:
-    """As `image.relighting.normals_at_steps`."""
+    """As `image.shading.normals_at_steps`."""
     width, height = rays.size_px
     row, normals = row_of(rays.pixel, width * height), torch.empty_like(normal)
     at, share, of_rays, before = as_arrays(rays.at, rays.share, relief_normal, normal)
@@ -106,7 +106,7 @@ _MEAN_SHARES = np.array(SHARES, np.float32)
 
 
 def surface_means(values: Float[Tensor, "R C"], places: RayPlaces, stride: int) -> Float[Tensor, "R C"]:
-    """As `image.surface_means.surface_means`."""
+    """As `image.edge_avoiding_filter.surface_means`."""
     width, height = places.size_px
     row = row_of(places.pixel, width * height)
     means = torch.empty(values.shape)

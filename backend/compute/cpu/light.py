@@ -8,9 +8,8 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ...geometry.mesh import PosedMesh, Topology
-from ...light.bounce import Probes, SkinPlaces, bounced_on_skin
-from ...light.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS
-from ...light.light_samples import LightSamples
+from ...light.brdf import INDEX, NAIL_ROUGHNESS, ROUGHNESS
+from ...light.indirect_diffuse import Probes, SkinPlaces, bounced_on_skin
 from ...light.lighting import (
     BELOW_HORIZON,
     SCATTER_M,
@@ -22,10 +21,11 @@ from ...light.lighting import (
     Openness,
     SurfacePoints,
 )
+from ...light.near_field_light import CELLS, NearLight, sky_cells
+from ...light.nearby_geometry import Patches
+from ...light.samples import LightSamples
 from ...light.shadow_maps import PointShadows, ShadowScene
 from ...light.sky_samples import SkySamples
-from ...light.surrounding_light import CELLS, NearLight, sky_cells
-from ...light.surroundings import Patches
 from ...light.visibility import MAP_PX, ShadowMapPoints
 from ..kernels.brdf import Lobes
 from ..kernels.light import FeatureArrays, LampArrays, PointArrays, ProbeArrays, SkyArrays, bounce
@@ -73,7 +73,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
 def bounced(
     position: Float[Tensor, "R 3"], normal: Float[Tensor, "R 3"], probes: Probes, shed: Float[Tensor, "P 3"]
 ) -> Float[Tensor, "R 3"]:
-    """As `light.bounce.bounced`."""
+    """As `light.indirect_diffuse.bounced`."""
     arrays = ProbeArrays(*as_arrays(probes.position.T, probes.normal.T, probes.area_m2, shed.T))
     at, unit, received = as_arrays(position, normal, torch.empty(len(position), 3))
     in_parallel(lambda first, last: bounce(at, unit, arrays, first, last, received), len(position))
@@ -99,7 +99,7 @@ def lobes() -> Lobes:
 def skin_places(
     mesh: PosedMesh, faces: Int[Tensor, "F 3"], face: Int[Tensor, " R"], position: Float[Tensor, "R 3"]
 ) -> SkinPlaces:
-    """As `light.bounce.SkinPlaces.of`; face -1 is none."""
+    """As `light.indirect_diffuse.SkinPlaces.of`; face -1 is none."""
     count = len(face)
     places = SkinPlaces(torch.empty(count, 3, dtype=faces.dtype), torch.empty(count, 3))
     arrays = as_arrays(mesh.vertices, faces, face, position)
@@ -125,7 +125,7 @@ def look_up(scene: ShadowScene, places: Float[Tensor, "P 3"]) -> PointShadows:
 def near_light(
     patches: Patches, open_sky: PointShadows, shed: Float[Tensor, "P 3"], points: SurfacePoints
 ) -> NearLight:
-    """As `light.surrounding_light.near_light`."""
+    """As `light.near_field_light.near_light`."""
     count = len(points.position)
     found = NearLight(*(torch.empty(count, *shape) for shape in ((3, 3), (2, 3), (2, 3))))
     out, at = NearArrays(*(values.numpy() for values in found)), PointArrays(*as_arrays(*points[:-1]))

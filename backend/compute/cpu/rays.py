@@ -1,4 +1,4 @@
-"""Rays through the shell, by kernels: as `field.sampler.first_hit` and `field.trace`.
+"""Rays through the shell, by kernels: as `field.sampler.first_hit` and `field.surface_tracking`.
 
 One rasterisation of the shell a frame, from which all samples are placed; and a mesh before a camera, as
 `field.rays.project` and `geometry.rasterise.nearest_fronts`, which is worth its kernels where it is a fine surface.

@@ -14,15 +14,15 @@ from ...field.rays import CameraTensors, ray_origin
 from ...geometry.local_rotation import LocalFrames
 from ...geometry.mesh import PosedMesh, Topology
 from ...hand.lbs import SkinMotion, SkinTensors
-from ...image.relighting import MIN_ALPHA, LitImage
+from ...image.shading import MIN_ALPHA, LitImage
 from ...light.lighting import BumpedSkin
 from ...records.shot import HandPose
 from ...surface.detail_maps import BUMP, GLOSS_STEP, SHADE_STEP, SLOPE_STEP_MM, DetailMaps
 from ...surface.detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
-from ...surface.fine_mesh import SAMPLES, FineMesh, FinerField, FineTemplate, PixelSurface
-from ...surface.part_edges import SPREAD, STEP_M, STEP_PX, PartEdges
+from ...surface.detail_mesh import SAMPLES, FineMesh, FinerField, FineTemplate, PixelSurface
+from ...surface.edge_antialiasing import SPREAD, STEP_M, STEP_PX, PartEdges
 from ...surface.ray_hits import RayHits
-from ...surface.skin_detail import FOLD_LOG_ALBEDO, LEAST_COSINE, MOST_TAPS, ONE_TAP_MORE, SHARPER
+from ...surface.shading_detail import FOLD_LOG_ALBEDO, LEAST_COSINE, MOST_TAPS, ONE_TAP_MORE, SHARPER
 from ..kernels.detail import DetailConstants, DetailedArrays, DetailTable, PosedSurface, SeenFaces, add_skin
 from ..kernels.edges import (
     EdgeSamples,
@@ -117,7 +117,7 @@ def fine_mesh(
     flex: Float[Tensor, " V"],
     scale: Float[Tensor, ""],
 ) -> FineMesh:
-    """As `surface.fine_mesh.fine_mesh`."""
+    """As `surface.detail_mesh.fine_mesh`."""
     count = len(template.offset_m)
     values = torch.cat([motion.rest, motion.transforms.flatten(1), flex[:, None]], 1).numpy()
     for level in template.levels:
@@ -142,7 +142,7 @@ def _finer(level: FinerField, values: np.ndarray) -> np.ndarray:
 
 
 def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
-    """As `surface.fine_mesh.seen_surface`."""
+    """As `surface.detail_mesh.seen_surface`."""
     width, height = camera.size_px
     projected, pixels = projected_mesh(camera, mesh.vertices, mesh.faces), width * height
     nearest, face_at, rows = find_fronts(projected, camera.size_px)
@@ -196,7 +196,7 @@ def ray_hits(mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) ->
 def blended(
     colours: Float[Tensor, "3 H W"], alpha: Float[Tensor, "H W"], depth: Float[Tensor, "H W"], edges: PartEdges
 ) -> Float[Tensor, "3 H W"]:
-    """As `surface.part_edges.blended`."""
+    """As `surface.edge_antialiasing.blended`."""
     pixels, mixed = colours.permute(1, 2, 0).flatten(0, 1), torch.empty(len(edges.pixel), 3)
     image, out = as_arrays(pixels, alpha.flatten(), depth.flatten()), mixed.numpy()
     what = (*image, depth.shape[1], tuple(as_arrays(*edges)), np.float32(MIN_ALPHA))

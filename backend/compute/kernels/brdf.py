@@ -1,6 +1,6 @@
-"""The specular lobes and how a bump changes them: as `light.gloss`, `light.bump` and `light.mirrored_sky`.
+"""The specular lobes and how a bump changes them: as `light.brdf`, `light.brdf` and `light.prefiltered_environment`.
 
-Of `light.octahedral` it has `on_square`, of `MirroredSky` `gloss` and `of_even_light`.
+Of `light.prefiltered_environment` it has `on_square`, of `MirroredSky` `gloss` and `of_even_light`.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from .compiled import compiled_part_loosely as part
 
 _0, _QUARTER, _HALF, _1, _2, _TINY = (np.float32(value) for value in (0, 0.25, 0.5, 1, 2, 1e-12))
 LEAST_COSINE, GRAZING, TINY = (np.float32(value) for value in (1e-4, 0.05, 1e-8))
-"""Of the cosines to light and eye, and of what is divided by, as in `light.gloss`."""
+"""Of the cosines to light and eye, and of what is divided by, as in `light.brdf`."""
 LEAST_MIRRORED, LEAST_OF_EYE, LEAST_BEND = (np.float32(value) for value in (0.01, 0.9, 1e-4))
-"""As in `light.bump`."""
+"""As in `light.brdf`."""
 
 
 class Lobes(NamedTuple):
-    """Constants of `light.lighting` and `light.gloss`.
+    """Constants of `light.lighting` and `light.brdf`.
 
     SCATTER_M, WRAP, SCATTERED_SCALE and alpha (squared ROUGHNESS) [2], the angle of a sky cell, the squared INDEX, and
     BELOW_HORIZON; `nail_alpha` is the first lobe's on nails.
@@ -36,7 +36,7 @@ class Lobes(NamedTuple):
 
 
 class MirrorArrays(NamedTuple):
-    """As `light.mirrored_sky.MirroredSky`, the map's `SIDE`, and `LEAST_ROUGHNESS` of `light.round_lobes`."""
+    """As `light.prefiltered_environment.MirroredSky`, the map's `SIDE`, and `LEAST_ROUGHNESS` of `light.brdf`."""
 
     radiance: np.ndarray
     lobes: np.ndarray
@@ -52,7 +52,7 @@ def widened(alpha, light_radius_rad):
 
 @part
 def fresnel(cosine, squared_index):
-    """As `light.gloss.fresnel`."""
+    """As `light.brdf.fresnel`."""
     cosine = min(max(cosine, _0), _1)
     inside = np.sqrt(squared_index - _1 + cosine * cosine)
     less, more = inside - cosine, inside + cosine
@@ -139,7 +139,7 @@ def on_square(x, y, z):
 
 
 SHARE, AHEAD, UP, WIDTH = range(4)
-"""As in `light.round_lobes`."""
+"""As in `light.brdf`."""
 
 
 @part

@@ -1,4 +1,4 @@
-"""Equals `surface.skin_detail.detailed_image`.
+"""Equals `surface.shading_detail.detailed_image`.
 
 Pixels are taken in blocks: what does not read the maps is the same arithmetic for all of them, side by side in rows,
 and so in vector instructions.
@@ -82,7 +82,7 @@ class DetailTable(NamedTuple):
 
 
 class DetailConstants(NamedTuple):
-    """Constants of `surface.skin_detail`.
+    """Constants of `surface.shading_detail`.
 
     Attributes:
         least_alpha: of what is divided by it.

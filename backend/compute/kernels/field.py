@@ -1,7 +1,7 @@
 """Rays through a field of planes, traced, queried and composited at once, without gradients.
 
-As `field.trace.trace`, `field.encoding.FeaturePlane` and the per-sample half of `field.field.PlaneField`. Each ray is
-followed front to back until it is opaque, so that samples behind the skin are never queried: about half.
+As `field.surface_tracking.trace`, `field.encoding.FeaturePlane` and the per-sample half of `field.field.PlaneField`.
+Each ray is followed front to back until it is opaque, so that samples behind the skin are never queried: about half.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The full-size image of a relightable hand: as `image.relighting`, and `field.rays.view_directions`.
+"""The full-size image of a relightable hand: as `image.shading`, and `field.rays.view_directions`.
 
 Rays are enlarged row by row: a row's pixels stand side by side in a buffer, and the means of three of them are one long
 sum.
@@ -17,7 +17,7 @@ from .compiled import compiled_part_loosely as part
 
 _0, _QUARTER, _HALF, _3Q, _1, _2 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2))
 LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
-"""As in `image.relighting`."""
+"""As in `image.shading`."""
 SCATTERED, DIFFUSE, GLOSS = 3, 9, 12
 """Where these begin among the coefficients."""
 SHALLOW_SCALE = np.float32(1.25)
@@ -64,7 +64,7 @@ class RelitImage(NamedTuple):
 
 
 EnlargedArrays = namedtuple("EnlargedArrays", "coefficients normal alpha")
-"""As `image.relighting.EnlargedRays`."""
+"""As `image.shading.EnlargedRays`."""
 
 
 @compiled
@@ -173,7 +173,7 @@ def _dot(a, b):
 
 @compiled
 def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, shares):
-    """Fill shares [P, 4] of pixels [first, last) as `image.relighting.shares_of_rays`.
+    """Fill shares [P, 4] of pixels [first, last) as `image.shading.shares_of_rays`.
 
     `depth_of_rays` [h * w] is infinite where there is no ray, `skin_depth` [H * W] beside the hand.
     """
@@ -212,7 +212,7 @@ def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, sha
 
 @compiled
 def step_normals(at, share, row, width, of_rays, normal, first, last, out):
-    """Fill out [P, 3] for pixels [first, last) as `image.relighting.normals_at_steps`.
+    """Fill out [P, 3] for pixels [first, last) as `image.shading.normals_at_steps`.
 
     `row` [h * w] tells which of the normals `of_rays` [R, 3] a low-resolution pixel has, -1 for none.
     """

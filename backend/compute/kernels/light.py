@@ -1,4 +1,4 @@
-"""Light at points, as `light.lighting`, and one bounce on the skin, as `light.bounce.bounced`."""
+"""Light at points, as `light.lighting`, and one bounce on the skin, as `light.indirect_diffuse.bounced`."""
 
 from __future__ import annotations
 

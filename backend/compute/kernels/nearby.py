@@ -1,4 +1,4 @@
-"""Light of what stands around a hand, as `light.surrounding_light.near_light`."""
+"""Light of what stands around a hand, as `light.near_field_light.near_light`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class PatchArrays(NamedTuple):
 
 
 NearArrays = namedtuple("NearArrays", "sky_vectors near_gloss scattered")
-"""As `light.surrounding_light.NearLight` at R points."""
+"""As `light.near_field_light.NearLight` at R points."""
 
 
 @compiled

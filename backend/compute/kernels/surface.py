@@ -1,7 +1,7 @@
 """Posed surfaces: the hand's mesh, the finer one on it, and points on either.
 
 As `hand.lbs.skin_motion`, `geometry.mesh.posed_mesh`, `geometry.local_rotation.local_rotations`,
-`surface.fine_mesh.fine_mesh`, `light.bounce.SkinPlaces.of`, and the normals of `surface.ray_hits.ray_hits`.
+`surface.detail_mesh.fine_mesh`, `light.indirect_diffuse.SkinPlaces.of`, and the normals of `surface.ray_hits.ray_hits`.
 """
 
 from __future__ import annotations

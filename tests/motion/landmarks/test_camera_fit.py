@@ -10,8 +10,14 @@ from livehand.backend.hand.joint_limits import LIMITS
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.articulation import NaturalPoses, all_angles
-from livehand.backend.motion.landmarks.block_solver import solve_pentadiagonal
-from livehand.backend.motion.landmarks.camera_fit import CameraPoses, CameraProblem, FitWeights, Sighting2D, placed
+from livehand.backend.motion.landmarks.camera_fit import (
+    CameraPoses,
+    CameraProblem,
+    FitWeights,
+    Sighting2D,
+    placed,
+    solve_pentadiagonal,
+)
 from livehand.backend.motion.landmarks.lifting import LiftedLandmarks
 from livehand.backend.motion.landmarks.skeleton import HandSkeleton, node_jacobian
 from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take, sighted

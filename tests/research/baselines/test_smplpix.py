@@ -10,8 +10,7 @@ from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.records.shot import Shot
 from livehand.backend.research.baselines import fitting
 from livehand.backend.research.baselines.method import Budget
-from livehand.backend.research.baselines.smplpix import SMPLPIX, draw, turned
-from livehand.backend.research.baselines.unet import UNet
+from livehand.backend.research.baselines.smplpix import SMPLPIX, UNet, draw, turned
 from livehand.backend.research.baselines.weights_file import load_method
 
 

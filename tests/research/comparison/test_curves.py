@@ -3,7 +3,7 @@
 import re
 import xml.etree.ElementTree as ElementTree
 
-from livehand.backend.research.comparison.curves import svg_curves
+from livehand.backend.research.comparison.page import svg_curves
 
 
 def test_curves_span_the_drawing():
