@@ -7,9 +7,13 @@ imported here, so that listing add-ons, or running a command that needs no Blend
 
 def register():
     """Called by Blender when the extension is enabled."""
+    from . import livehand_blender
+
     livehand_blender.register()
 
 
 def unregister():
     """Called by Blender when the extension is disabled, and at exit."""
+    from . import livehand_blender
+
     livehand_blender.unregister()

@@ -6,9 +6,13 @@ bpy is imported only when Blender registers the extension, so that the `livehand
 
 def register():
     """Register classes, properties, menus and the render engine."""
+    from . import registration
+
     registration.register()
 
 
 def unregister():
     """Remove everything `register` added, in reverse order."""
+    from . import registration
+
     registration.unregister()

@@ -205,12 +205,12 @@ def test_systems_are_told_apart_in_one_room():
 
 @pytest.mark.slow
 def test_no_class_name_exists_twice():
-    places = {}
+    points = {}
     for name, path in modules(ROOT).items():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ClassDef):
-                places.setdefault(node.name, []).append(name)
-    assert {name: where for name, where in places.items() if len(where) > 1} == {}
+                points.setdefault(node.name, []).append(name)
+    assert {name: where for name, where in points.items() if len(where) > 1} == {}
 
 
 def plant(root, files):

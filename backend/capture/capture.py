@@ -221,14 +221,16 @@ def index_document(capture: Capture) -> str:
 
 
 def _surface_of(document: dict, folder: Path) -> SurfaceReference | None:
-    told = document.get("surface")
-    if told is None:
+    reported = document.get("surface")
+    if reported is None:
         return None
-    if not isinstance(told, dict) or not all(isinstance(told.get(key), str) for key in SurfaceReference._fields):
+    if not isinstance(reported, dict) or not all(
+        isinstance(reported.get(key), str) for key in SurfaceReference._fields
+    ):
         raise LiveHandError(
-            f"{folder / 'transforms.json'}: surface must have a file and its sha256, got {str(told)[:80]}"
+            f"{folder / 'transforms.json'}: surface must have a file and its sha256, got {str(reported)[:80]}"
         )
-    return SurfaceReference(told["file"], told["sha256"])
+    return SurfaceReference(reported["file"], reported["sha256"])
 
 
 def _view_entry(view: CaptureView) -> dict:

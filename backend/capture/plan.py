@@ -208,10 +208,10 @@ def _spread_views(plan: CapturePlan, cameras: list[Camera]) -> tuple[CaptureView
     """Spread every training pose over some training cameras, and the views of each held-out split evenly."""
     by_split: dict[Split, list[CaptureView]] = {"train": [], "novel_pose": [], "novel_camera": [], "test": []}
     for pose in range(plan.poses):
-        seen_by = _cameras_of_pose(plan, pose)
+        visible_to = _cameras_of_pose(plan, pose)
         for index, camera in enumerate(cameras):
             split = split_of(plan.is_held_out_pose(pose), plan.is_held_out_camera(index))
-            if split != "train" or index in seen_by:
+            if split != "train" or index in visible_to:
                 view = CaptureView(f"images/pose{pose:03d}_cam{index:02d}.png", camera, index, pose, split)
                 by_split[split].append(view)
     held_out = [_spread(by_split[split], _most_views(plan, split)) for split in ("novel_pose", "novel_camera", "test")]

@@ -25,7 +25,7 @@ from ..records.side import Side
 from .breakdown import error_breakdown
 from .distances import Distance, distance_of
 from .metrics import alpha_iou, difference_box, psnr_db, similarities
-from .visible_surface import SeenSurface, seen_surface, vertex_openness
+from .visible_surface import VisibleSurface, vertex_openness, visible_surface
 
 # Over twice the reach of FLIP's filters (10 px): at this distance from any difference, FLIP is 0.
 _MARGIN_PX = 32
@@ -58,7 +58,7 @@ def flip_map(image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"]) -> Fl
 class _Posed(NamedTuple):
     topology: Topology
     mesh: PosedMesh
-    openness: Tensor
+    ambient_occlusion: Tensor
 
 
 class PosedHands:
@@ -75,10 +75,10 @@ class PosedHands:
         self._topologies: dict[Side, Topology] = {}
         self._posed: dict[int, _Posed] = {}
 
-    def seen_by(self, view: CaptureView) -> SeenSurface:
+    def visible_to(self, view: CaptureView) -> VisibleSurface:
         """Look at the posed mesh as a view does."""
         posed = self._posed_mesh(view.pose_index)
-        return seen_surface(posed.mesh, posed.topology, posed.openness, camera_tensors(view.camera, "cpu"))
+        return visible_surface(posed.mesh, posed.topology, posed.ambient_occlusion, camera_tensors(view.camera, "cpu"))
 
     def _posed_mesh(self, index: int) -> _Posed:
         if index not in self._posed:
@@ -125,7 +125,7 @@ def _unit(vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
 
 
 def view_figures(
-    image: np.ndarray, truth: np.ndarray, surface: SeenSurface, distances: Sequence[Distance] = ()
+    image: np.ndarray, truth: np.ndarray, surface: VisibleSurface, distances: Sequence[Distance] = ()
 ) -> dict[str, float]:
     """Measure an image [H, W, 4] against the truth; both hold encoded colour times alpha, and alpha.
 

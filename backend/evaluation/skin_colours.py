@@ -73,20 +73,20 @@ DEEP_SKIN = {
 }
 
 
-def colour_findings(places: Mapping[str, np.ndarray]) -> list[str]:
+def colour_findings(points: Mapping[str, np.ndarray]) -> list[str]:
     """Find what is unusual in the colours of places (Lab [3]); the back's lightness chooses the table.
 
     Of a hand whose back is not known, nothing is.
     """
-    if BACK not in places:
+    if BACK not in points:
         return []
-    back = places[BACK]
+    back = points[BACK]
     ranges = DEEP_SKIN if back[0] < _LIGHTEST_DEEP_L else LIGHT_SKIN
     found = []
     for place, usual in ranges.items():
-        if place not in places:
+        if place not in points:
             continue
-        relative = places[place] - (0 if place == BACK else back)
+        relative = points[place] - (0 if place == BACK else back)
         than = "" if place == BACK else " from the back's"
         found += [
             f"{place}: {name} {value:.1f}{than}, usual {low:g} to {high:g}"

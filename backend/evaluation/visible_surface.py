@@ -16,18 +16,18 @@ from ..render.backends import choose_backend
 _MIN_COSINES = 1e-3  # a vertex without a normal faces no direction; all others have about 8
 
 
-class SeenSurface(NamedTuple):
+class VisibleSurface(NamedTuple):
     """Maps over the pixels of a view.
 
     Attributes:
         depth: [H, W] m along the optical axis of the nearest front face; infinite where there is none.
-        openness: [H, W] cosine-weighted share of the sky that the hand does not hide, 0..1; 1 off the mesh.
+        ambient_occlusion: [H, W] cosine-weighted share of the sky that the hand does not hide, 0..1; 1 off the mesh.
         footprint: [H, W] width of a pixel on a surface that faces the camera, m.
         scale: [] size of the posed hand relative to its template.
     """
 
     depth: Tensor
-    openness: Tensor
+    ambient_occlusion: Tensor
     footprint: Tensor
     scale: Tensor
 
@@ -40,7 +40,9 @@ def vertex_openness(mesh: PosedMesh, topology: Topology) -> Tensor:
     return visible / unhidden.clamp(min=_MIN_COSINES)
 
 
-def seen_surface(mesh: PosedMesh, topology: Topology, openness: Tensor, view: CameraTensors) -> SeenSurface:
+def visible_surface(
+    mesh: PosedMesh, topology: Topology, ambient_occlusion: Tensor, view: CameraTensors
+) -> VisibleSurface:
     """Rasterise the mesh; a face has the mean openness [V] of its corners."""
     fragments = rasterise(*project(view, mesh.vertices), topology.faces, view.size_px)
     pixel, face, depth = (values[fragments.is_front] for values in fragments[:3])
@@ -49,6 +51,6 @@ def seen_surface(mesh: PosedMesh, topology: Topology, openness: Tensor, view: Ca
     nearest = nearest.scatter_reduce(0, pixel, depth, "amin")
     is_seen = depth == nearest[pixel]
     nearest_openness = torch.ones_like(nearest)
-    nearest_openness[pixel[is_seen]] = openness[topology.faces].mean(1)[face[is_seen]]
+    nearest_openness[pixel[is_seen]] = ambient_occlusion[topology.faces].mean(1)[face[is_seen]]
     nearest = nearest.reshape(height, width)
-    return SeenSurface(nearest, nearest_openness.reshape(height, width), nearest / view.K[0, 0].abs(), mesh.scale)
+    return VisibleSurface(nearest, nearest_openness.reshape(height, width), nearest / view.K[0, 0].abs(), mesh.scale)

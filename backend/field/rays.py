@@ -46,7 +46,7 @@ class HandInView(NamedTuple):
         mesh: the mesh.
         topology: of the mesh.
         camera: sees it.
-        known_depth: [H * W] depth of its known surface at the pixels' centres, m, infinite where there is none; None:
+        surface_depth: [H * W] depth of its known surface at the pixels' centres, m, infinite where there is none; None:
             none is known.
         light_quality: of the light on it.
     """
@@ -54,7 +54,7 @@ class HandInView(NamedTuple):
     mesh: PosedMesh
     topology: Topology
     camera: CameraTensors
-    known_depth: Tensor | None = None
+    surface_depth: Tensor | None = None
     light_quality: LightQuality = FINAL
 
 

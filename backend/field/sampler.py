@@ -46,7 +46,7 @@ class SamplerConfig:
 
     def samples_along(self, hand: HandInView) -> int:
         """N of rays in this view: fewer where a surface is known."""
-        return self.samples_per_ray if hand.known_depth is None else self.at_surface.samples_per_ray
+        return self.samples_per_ray if hand.surface_depth is None else self.at_surface.samples_per_ray
 
     @property
     def at_surface(self) -> SamplerConfig:
@@ -135,15 +135,15 @@ def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Genera
 
 def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
     """The intervals of every ray that meets the shell."""
-    mesh, topology, camera, known_depth = hand[:4]
+    mesh, topology, camera, surface_depth = hand[:4]
     shell = config.shell_m * mesh.scale * mesh.normals
     outer = _fragments_of(mesh.vertices + shell, topology, camera)
     inner = _fragments_of(mesh.vertices - shell, topology, camera)
     crossings = _by_ray(outer, config.max_layers)
     inside, pixel = _inside_intervals(crossings), crossings.pixel
     intervals = _stop_at(inside, nearest_fronts(inner, camera.size_px).depth[pixel])
-    if known_depth is not None:
-        intervals = _about(intervals, known_depth[pixel], mesh.scale)
+    if surface_depth is not None:
+        intervals = _about(intervals, surface_depth[pixel], mesh.scale)
     return _without_empty(intervals)
 
 

@@ -23,7 +23,7 @@ OFF_PLANE_M, FACING_POWER = 0.003, 4
 """Neighbours count for less, the farther they lie off the surface's tangent plane, and the more it turns."""
 
 
-class RayPlaces(NamedTuple):
+class RaySurfacePoints(NamedTuple):
     """Where R rays meet a surface.
 
     Attributes:
@@ -41,41 +41,43 @@ class RayPlaces(NamedTuple):
     off_plane_m: float
 
     @classmethod
-    def of(cls, points: SurfacePoints, pixel: Tensor, size_px: tuple[int, int], scale: Tensor) -> RayPlaces:
+    def of(cls, points: SurfacePoints, pixel: Tensor, size_px: tuple[int, int], scale: Tensor) -> RaySurfacePoints:
         """Of rays at `pixel`; `scale` is the posed mesh's."""
         return cls(points.position, points.normal, pixel, size_px, OFF_PLANE_M * float(scale))
 
 
-SurfaceMeans = Callable[[Tensor, RayPlaces, int], Tensor]
-"""`surface_means`, or what equals it."""
+EdgeAvoidingMean = Callable[[Tensor, RaySurfacePoints, int], Tensor]
+"""`edge_avoiding_mean`, or what equals it."""
 
 
-def surface_means(values: Float[Tensor, "R C"], places: RayPlaces, stride: int) -> Float[Tensor, "R C"]:
+def edge_avoiding_mean(values: Float[Tensor, "R C"], hit_points: RaySurfacePoints, stride: int) -> Float[Tensor, "R C"]:
     """Means over 3 x 3 rays, `stride` apart, on the same surface (Dammertz et al. 2010, edge-avoiding wavelets)."""
-    position, normal = places.position, places.normal
-    row, at = _rows_around(places, stride)
+    position, normal = hit_points.position, hit_points.normal
+    row, at = _rows_around(hit_points, stride)
     summed, total = SHARES[0] * values, values.new_full((len(values), 1), SHARES[0])
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
             if dx == dy == 0:
                 continue
-            other = row[at + stride * (dy * (places.size_px[0] + 2 * stride) + dx)]
+            other = row[at + stride * (dy * (hit_points.size_px[0] + 2 * stride) + dx)]
             off_m = ((position[other] - position) * normal).sum(-1)
             facing = (normal[other] * normal).sum(-1).clamp(min=0) ** FACING_POWER
-            near = torch.exp(-((off_m / places.off_plane_m) ** 2))
+            near = torch.exp(-((off_m / hit_points.off_plane_m) ** 2))
             weight = (SHARES[abs(dx) + abs(dy)] * facing * near * (other >= 0))[:, None]
             summed, total = summed + weight * values[other], total + weight
     return summed / total
 
 
-def smoothed_light(features: LightFeatures, places: RayPlaces, means: SurfaceMeans = surface_means) -> LightFeatures:
+def smoothed_light(
+    features: LightFeatures, hit_points: RaySurfacePoints, means: EdgeAvoidingMean = edge_avoiding_mean
+) -> LightFeatures:
     """The features with each ray's light as the mean of the rays beside it on the same surface."""
-    return with_ray_rows(features, means(ray_rows(features), places, 1))
+    return with_ray_rows(features, means(ray_rows(features), hit_points, 1))
 
 
-def _rows_around(places: RayPlaces, border: int) -> tuple[Int[Tensor, " P"], Int[Tensor, " R"]]:
+def _rows_around(hit_points: RaySurfacePoints, border: int) -> tuple[Int[Tensor, " P"], Int[Tensor, " R"]]:
     """Which ray each pixel of the image has, -1 for none, with a border around it; and where the rays stand in it."""
-    width, height = places.size_px
+    width, height = hit_points.size_px
     wide = width + 2 * border
-    at = (torch.div(places.pixel, width, rounding_mode="floor") + border) * wide + places.pixel % width + border
+    at = (torch.div(hit_points.pixel, width, rounding_mode="floor") + border) * wide + hit_points.pixel % width + border
     return ray_of_pixel(at, wide * (height + 2 * border)), at

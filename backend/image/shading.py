@@ -1,6 +1,7 @@
 """From the rays of a relightable field to a picture in any light.
 
-`lit_image` enlarges what does not depend on the light, once per pose and camera; `relit` multiplies it by a light.
+`shading_inputs` enlarges what does not depend on the light, once per pose and camera; `shade_image` multiplies it by
+a light.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from torch import Tensor
 from torch.nn.functional import conv2d, normalize
 
 from ..field.rays import CameraTensors, HandInView, view_directions
-from ..field.relightable import at_least
+from ..field.relightable import clamp_min
 from ..field.volume import Composite
-from ..light.lighting import COEFFICIENTS, SMOOTH, BumpedSkin, LightFeatures, SurfacePoints, lit_colour
+from ..light.lighting import COEFFICIENTS, SMOOTH, BumpMapping, LightFeatures, SurfacePoints, shaded_colour
 from .maps import enlarge_maps, low_resolution_maps, ray_of_pixel
 from .superres import enlarge
 
@@ -32,7 +33,7 @@ SMOOTHED = (0.25, 0.5, 0.25)
 _OF_PIXEL, _OF_NEXT = 0.5, 0.125
 
 
-class LitImage(NamedTuple):
+class ShadingInputs(NamedTuple):
     """P pixels of a hand at full size, in no light.
 
     Attributes:
@@ -53,10 +54,10 @@ class LitImage(NamedTuple):
     share: Tensor
     alpha: Tensor
     depth: Tensor
-    skin: BumpedSkin | None = None
+    skin: BumpMapping | None = None
 
 
-class SkinDepth(NamedTuple):
+class SurfaceDepth(NamedTuple):
     """The skin in an image of P pixels.
 
     Attributes:
@@ -69,7 +70,7 @@ class SkinDepth(NamedTuple):
 
 
 class EnlargedRays(NamedTuple):
-    """What `LitImage` holds of the same names; alpha is flat."""
+    """What `ShadingInputs` holds of the same names; alpha is flat."""
 
     coefficients: Tensor
     normal: Tensor
@@ -82,7 +83,7 @@ class RaysAround(NamedTuple):
     Attributes:
         pixel: [R] of the rays, in the low-resolution image.
         at: [P] pixels of the full-size image.
-        share: [P, 4] as in `LitImage`.
+        share: [P, 4] as in `ShadingInputs`.
         size_px: of the low-resolution image.
     """
 
@@ -93,7 +94,7 @@ class RaysAround(NamedTuple):
 
 
 Enlarged = Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays]
-Shares = Callable[[Tensor, Tensor, CameraTensors, Tensor, SkinDepth], Tensor]
+Shares = Callable[[Tensor, Tensor, CameraTensors, Tensor, SurfaceDepth], Tensor]
 Normals = Callable[[Tensor, Tensor, RaysAround], Tensor]
 Views = Callable[[CameraTensors, Tensor], Tensor]
 
@@ -111,23 +112,23 @@ def enlarged_rays(
     )
 
 
-def lit_image(
+def shading_inputs(
     superres: Callable[[Tensor], Tensor],
     low: Composite,
     points: SurfacePoints,
     pixel: Int[Tensor, " R"],
     camera: CameraTensors,
-    skin: SkinDepth,
+    skin: SurfaceDepth,
     enlarged: Enlarged | None = None,
     shares: Shares | None = None,
     normals: Normals | None = None,
     views: Views = view_directions,
-) -> LitImage:
+) -> ShadingInputs:
     """Enlarge the decoded rays of a relightable field.
 
     Args:
-        superres: `LitSuperRes`, in any precision; all else here is exact to fp32.
-        low: as `LitField.decode` returns it.
+        superres: `RelightableSuperRes`, in any precision; all else here is exact to fp32.
+        low: as `RelightableField.decode` returns it.
         points: where the rays meet the skin.
         pixel: of the rays, in the low-resolution image.
         camera: of the low-resolution image.
@@ -137,14 +138,14 @@ def lit_image(
         normals: as `normals_at_steps`, which stands for None.
         views: as `view_directions`.
     """
-    maps, depth = lit_maps(low, points, pixel, camera)
+    maps, depth = relightable_maps(low, points, pixel, camera)
     covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
     detail = enlarge_maps(superres, maps).float()
     coefficients, normal, alpha = (enlarged or smooth_enlarged_rays)(maps, detail, covered, camera.world2cam)
     share = (shares or shares_of_rays)(points.position, pixel, camera, covered, skin)
     around = RaysAround(pixel, covered, share, camera.size_px)
     normal = (normals or normals_at_steps)(normal, points.relief_normal, around)
-    return LitImage(
+    return ShadingInputs(
         pixel=covered,
         coefficients=coefficients,
         normal=normal,
@@ -182,10 +183,10 @@ def smoothed_rays(large: EnlargedRays, covered: Int[Tensor, " P"], width: int) -
     )
 
 
-def lit_maps(
+def relightable_maps(
     low: Composite, points: SurfacePoints, pixel: Int[Tensor, " R"], camera: CameraTensors
 ) -> tuple[Float[Tensor, "34 h w"], Float[Tensor, "h w"]]:
-    """The maps that `LitSuperRes` takes, and depth."""
+    """The maps that `RelightableSuperRes` takes, and depth."""
     normal = (points.relief_normal @ camera.world2cam[:3, :3].T) * low.alpha[:, None]
     stacked = low._replace(channels=torch.cat([low.channels.float(), normal], 1))
     return low_resolution_maps(stacked, pixel, camera.size_px)
@@ -198,11 +199,11 @@ def detailed(maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"]) -> 
     straight = torch.cat([base[:-1] / alpha.clamp(min=MIN_ALPHA), alpha])
     fine = straight[SMOOTH:] + detail
     coefficients = torch.cat([straight[:SMOOTH], fine[: COEFFICIENTS - SMOOTH]])
-    return torch.cat([at_least(coefficients, 0.0), fine[COEFFICIENTS - SMOOTH :]])
+    return torch.cat([clamp_min(coefficients, 0.0), fine[COEFFICIENTS - SMOOTH :]])
 
 
-def relit(
-    image: LitImage, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
+def shade_image(
+    image: ShadingInputs, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
 ) -> Float[Tensor, "3 H W"]:
     """Scene-linear colours, premultiplied by alpha, of an image at twice `size_px`.
 
@@ -213,15 +214,15 @@ def relit(
         size_px: of the low-resolution image.
     """
     at_pixels = _enlarged(features, pixel, size_px, image)
-    colours = lit_colour(image.coefficients, image.normal, image.view, at_pixels, image.skin)
+    colours = shaded_colour(image.coefficients, image.normal, image.view, at_pixels, image.skin)
     width, height = size_px
     flat = colours.new_zeros(4 * width * height, 3).index_put((image.pixel,), colours)
     return flat.T.reshape(3, 2 * height, 2 * width)
 
 
-def relit_rays(low: Composite, points: SurfacePoints, features: LightFeatures) -> Float[Tensor, "R 3"]:
+def shade_rays(low: Composite, points: SurfacePoints, features: LightFeatures) -> Float[Tensor, "R 3"]:
     """Scene-linear colours of the low-resolution rays, premultiplied."""
-    return lit_colour(low.channels[:, :COEFFICIENTS], points.relief_normal, points.view, features)
+    return shaded_colour(low.channels[:, :COEFFICIENTS], points.relief_normal, points.view, features)
 
 
 def feature_maps(features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]) -> Float[Tensor, "P C"]:
@@ -256,7 +257,7 @@ def with_ray_rows(features: LightFeatures, rows: Float[Tensor, "P C"]) -> LightF
     return features._replace(**{name: part.reshape(len(rows), *shape) for name, shape, part in named})
 
 
-def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], image: LitImage) -> LightFeatures:
+def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], image: ShadingInputs) -> LightFeatures:
     """The features at the pixels of the full-size image."""
     maps = feature_maps(features, pixel, size_px)
     around, _ = neighbours(image.pixel, size_px)
@@ -280,7 +281,7 @@ def shares_of_rays(
     pixel: Int[Tensor, " R"],
     camera: CameraTensors,
     at: Int[Tensor, " P"],
-    skin: SkinDepth,
+    skin: SurfaceDepth,
 ) -> Float[Tensor, "P 4"]:
     """How much each ray around a pixel of the full-size image tells of the light there; they add up to 1.
 
@@ -361,7 +362,7 @@ def covered_pixels(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]
 
 def at_full_size(hand: HandInView) -> HandInView:
     """The hand in an image of twice the size."""
-    return hand._replace(camera=doubled(hand.camera), known_depth=None)
+    return hand._replace(camera=doubled(hand.camera), surface_depth=None)
 
 
 def doubled(camera: CameraTensors) -> CameraTensors:

@@ -31,7 +31,7 @@ LEAST_TO_EYE = 0.05
 """The least cosine between normal and eye: lobes grow without bound at grazing views."""
 
 
-def glossy(
+def ggx(
     normal: Float[Tensor, "*#n 3"],
     towards: Float[Tensor, "*#n 3"],
     view: Float[Tensor, "*#n 3"],
@@ -80,13 +80,13 @@ def fresnel(cosine: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
 
 
 def squared_alphas(nail: Tensor | None, broad_squared: Tensor | None) -> tuple[float | Tensor, float | Tensor]:
-    """Of both lobes; arguments as of `glossy`."""
+    """Of both lobes; arguments as of `ggx`."""
     tight, broad = alphas(nail)
     return tight**2, broad**2 if broad_squared is None else broad_squared
 
 
 def alphas(nail: Tensor | None) -> tuple[float | Tensor, float]:
-    """Of the microfacets in both lobes; `nail` as in `glossy`."""
+    """Of the microfacets in both lobes; `nail` as in `ggx`."""
     tight, broad = (roughness**2 for roughness in ROUGHNESS)
     return (tight if nail is None else tight + (NAIL_ROUGHNESS**2 - tight) * nail), broad
 
@@ -113,7 +113,7 @@ def bump_shadowing(
     return share * (1 + share - share * share)
 
 
-def mirroring_normal(
+def clamped_reflection_normal(
     normal: Float[Tensor, "P 3"], surface_normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"]
 ) -> Float[Tensor, "P 3"]:
     """The normals, bent back towards the surface's as far as the mirrored view would run into the surface.
@@ -132,7 +132,7 @@ def mirroring_normal(
     return torch.where(is_bent_back, bent_back, normal)
 
 
-def leaving_share(
+def horizon_occlusion(
     normal: Float[Tensor, "P 3"],
     surface_normal: Float[Tensor, "P 3"],
     view: Float[Tensor, "P 3"],
@@ -144,7 +144,7 @@ def leaving_share(
     of a plane; s is the tangent of half the angle between that plane and the mirrored view. Without gradients.
 
     Args:
-        normal: unit, bent, as `mirroring_normal` leaves it.
+        normal: unit, bent, as `clamped_reflection_normal` leaves it.
         surface_normal: unit, of the surface without the detail.
         view: unit, from the camera.
         alpha_squared: of L lobes.
@@ -177,7 +177,7 @@ def _bent_back(normal: Tensor, surface_normal: Tensor, view: Tensor) -> tuple[Te
 
 
 WIDTHS = tuple(float(alpha) for alpha in np.geomspace(0.02, 1, 7))
-"""Alpha of the round lobes for which light is known (`round_weight`)."""
+"""Alpha of the round lobes for which light is known (`isotropic_weight`)."""
 LEAST_ROUGHNESS, ROUGHNESSES = 0.2, 9
 """Blender's, the square root of alpha: from which, up to 1, and how many are tabulated."""
 COSINES = 65
@@ -189,14 +189,14 @@ _HALF_VECTORS = 48  # along each of their two coordinates
 _LEAST_COSINE = 1e-3  # so that a sky of few texels has some around every direction
 
 
-def round_weight(cosine: Float[Tensor, "*n"], alpha: float) -> Float[Tensor, "*n"]:
+def isotropic_weight(cosine: Float[Tensor, "*n"], alpha: float) -> Float[Tensor, "*n"]:
     """Weight of light in a round lobe, by the cosine of its direction and the lobe's."""
     to_half_squared = (1 + cosine) / 2
     return cosine.clamp(min=_LEAST_COSINE) / (to_half_squared * (alpha**2 - 1)).add_(1).square_()
 
 
 @lru_cache(maxsize=1)
-def round_lobes() -> Float[np.ndarray, "A C 2 4"]:
+def isotropic_lobes() -> Float[np.ndarray, "A C 2 4"]:
     """Both round lobes for each roughness and cosine of the view, the lower one first."""
     return torch.stack([_pair(float(alpha)) for alpha in np.linspace(LEAST_ROUGHNESS, 1, ROUGHNESSES) ** 2]).numpy()
 
@@ -207,7 +207,7 @@ def lobes_at(to_eye: Float[Tensor, " P"], alpha_squared: Float[Tensor, " P"], ta
     Args:
         to_eye: cosine of normal and eye.
         alpha_squared: of the lobe.
-        table: `round_lobes`.
+        table: `isotropic_lobes`.
     """
     step = (1 - LEAST_ROUGHNESS) / (ROUGHNESSES - 1)
     rough = ((alpha_squared.sqrt().sqrt() - LEAST_ROUGHNESS) / step).clamp(0, ROUGHNESSES - 1)
@@ -230,7 +230,7 @@ def _pair(alpha: float) -> Float[Tensor, "C 2 4"]:
     along = (half * view).sum(-1, keepdim=True)
     towards = view - 2 * along * half
     squared = torch.tensor(alpha**2)
-    lobes = glossy(torch.tensor([0.0, 0, 1]), towards, view, torch.zeros(()), broad_squared=squared)[..., 1]
+    lobes = ggx(torch.tensor([0.0, 0, 1]), towards, view, torch.zeros(()), broad_squared=squared)[..., 1]
     # pi times the density of half vectors, and what is lost of it at the turn to directions of light.
     density = alpha**2 * to_half / (1 + to_half**2 * (alpha**2 - 1)) ** 2
     light = lobes * 4 * along[..., 0].abs() / density * (along[..., 0] < 0) / len(half)
@@ -258,14 +258,14 @@ def _round(part: Float[Tensor, "C N"], light: Float[Tensor, "C N"], towards: Flo
     across = mean(towards[..., 1] ** 2)
     offset = (mean(height**2) - across).clamp(min=0).sqrt().clamp(max=0.95) * mean(height).sign()
     direction = (1 - offset**2).sqrt()[:, None] * middle + offset[:, None] * upward
-    return torch.stack([share, direction[:, 0], direction[:, 2], _places(across)], -1)
+    return torch.stack([share, direction[:, 0], direction[:, 2], _points(across)], -1)
 
 
-def _places(across: Float[Tensor, " C"]) -> Float[Tensor, " C"]:
+def _points(across: Float[Tensor, " C"]) -> Float[Tensor, " C"]:
     """Among `WIDTHS`, of a round lobe of this second moment across its direction."""
     cosine = torch.linspace(-1, 1, 20001)
     moments = []
     for alpha in WIDTHS:
-        weight = round_weight(cosine, alpha)
+        weight = isotropic_weight(cosine, alpha)
         moments.append(float((weight * (1 - cosine**2)).sum() / weight.sum() / 2))
     return torch.as_tensor(np.interp(across.numpy(), moments, np.arange(len(WIDTHS))), dtype=torch.float32)

@@ -19,14 +19,14 @@ from torch.nn.functional import embedding_bag
 
 from ..geometry.mesh import PosedMesh, Topology
 
-MOST_PROBES = 2048
+MOST_SURFELS = 2048
 """Of a mesh of more vertices, as many of them stand for their neighbours; or fewer (`LightQuality`)."""
 _LEAST_SQUARED_M = 1e-8
 _POINTS_AT_ONCE = 2048
 _TINY = 1e-20
 
 
-class Probes(NamedTuple):
+class Surfels(NamedTuple):
     """P discs of skin, about some of V vertices.
 
     Attributes:
@@ -42,12 +42,12 @@ class Probes(NamedTuple):
     area_m2: Tensor
 
     @classmethod
-    def of(cls, mesh: PosedMesh, topology: Topology, most: int = MOST_PROBES) -> Probes:
+    def of(cls, mesh: PosedMesh, topology: Topology, most: int = MOST_SURFELS) -> Surfels:
         """At most so many discs as large as a third of the faces around each vertex; together as large as the hand."""
         a, b, c = mesh.vertices[topology.faces].unbind(1)
         thirds = torch.linalg.cross(b - a, c - a).norm(dim=-1, keepdim=True).expand(-1, 3) / 6
         area_m2 = thirds.new_zeros(len(mesh.vertices)).index_add(0, topology.faces.flatten(), thirds.flatten())
-        chosen = probe_vertices(len(mesh.vertices), most).to(a.device)
+        chosen = surfel_vertices(len(mesh.vertices), most).to(a.device)
         share = area_m2.sum() / area_m2[chosen].sum()
         return cls(mesh.vertices, mesh.normals, chosen, share * area_m2[chosen])
 
@@ -66,12 +66,12 @@ class Probes(NamedTuple):
         return values if len(self.chosen) == len(values) else values[self.chosen]
 
 
-def probe_vertices(count: int, most: int = MOST_PROBES) -> Int[Tensor, " P"]:
+def surfel_vertices(count: int, most: int = MOST_SURFELS) -> Int[Tensor, " P"]:
     """Which of a hand's vertices are probes."""
     return torch.linspace(0, count - 1, min(count, most)).round().long()
 
 
-class SkinPlaces(NamedTuple):
+class MeshPoints(NamedTuple):
     """Where R points lie on a mesh.
 
     Attributes:
@@ -85,7 +85,7 @@ class SkinPlaces(NamedTuple):
     @classmethod
     def of(
         cls, mesh: PosedMesh, faces: Int[Tensor, "F 3"], face: Int[Tensor, " R"], position: Float[Tensor, "R 3"]
-    ) -> SkinPlaces:
+    ) -> MeshPoints:
         """The places of points near faces; face -1 is none."""
         vertex = faces[face.clamp(min=0).long()]
         a, b, c = mesh.vertices[vertex].unbind(1)
@@ -107,53 +107,53 @@ class SkinPlaces(NamedTuple):
         return embedding_bag(self.vertex, values, mode="sum", per_sample_weights=self.weight)
 
 
-PlacesOf = Callable[[PosedMesh, Tensor, Tensor, Tensor], SkinPlaces]
-"""`SkinPlaces.of`, or what equals it."""
-Bounce = Callable[[Tensor, Tensor, Probes, Tensor], Tensor]
+MeshPointsOf = Callable[[PosedMesh, Tensor, Tensor, Tensor], MeshPoints]
+"""`MeshPoints.of`, or what equals it."""
+IndirectDiffuse = Callable[[Tensor, Tensor, Surfels, Tensor], Tensor]
 
 
-def bounced(
-    position: Float[Tensor, "R 3"], normal: Float[Tensor, "R 3"], probes: Probes, shed: Float[Tensor, "P 3"]
+def indirect_diffuse(
+    position: Float[Tensor, "R 3"], normal: Float[Tensor, "R 3"], surfels: Surfels, emitted: Float[Tensor, "P 3"]
 ) -> Float[Tensor, "R 3"]:
     """What points receive, as the radiance of a white diffuse surface there.
 
     Args:
         position: m, world.
         normal: unit.
-        probes: the skin.
-        shed: radiance of each probe.
+        surfels: the skin.
+        emitted: radiance of each probe.
     """
     at_once = zip(position.split(_POINTS_AT_ONCE), normal.split(_POINTS_AT_ONCE), strict=True)
-    return torch.cat([_bounced(*some, probes, shed) for some in at_once])
+    return torch.cat([_indirect_diffuse(*some, surfels, emitted) for some in at_once])
 
 
-def _bounced(position: Tensor, normal: Tensor, probes: Probes, shed: Tensor) -> Tensor:
-    offset = probes.position - position[:, None]
+def _indirect_diffuse(position: Tensor, normal: Tensor, surfels: Surfels, emitted: Tensor) -> Tensor:
+    offset = surfels.position - position[:, None]
     squared = (offset * offset).sum(-1)
     here = (offset * normal[:, None]).sum(-1).clamp(min=0)
-    there = -(offset * probes.normal).sum(-1).clamp(max=0)
-    factors = here * there * probes.area_m2 / (squared.clamp(min=_LEAST_SQUARED_M) * (pi * squared + probes.area_m2))
-    return factors @ shed / factors.sum(1, keepdim=True).clamp(min=1)
+    there = -(offset * surfels.normal).sum(-1).clamp(max=0)
+    factors = here * there * surfels.area_m2 / (squared.clamp(min=_LEAST_SQUARED_M) * (pi * squared + surfels.area_m2))
+    return factors @ emitted / factors.sum(1, keepdim=True).clamp(min=1)
 
 
-def bounced_on_skin(
-    places: SkinPlaces,
+def indirect_diffuse_on_mesh(
+    hit_points: MeshPoints,
     position: Float[Tensor, "R 3"],
     normal: Float[Tensor, "R 3"],
-    probes: Probes,
-    shed: Float[Tensor, "P 3"],
-    bounce: Bounce = bounced,
+    surfels: Surfels,
+    emitted: Float[Tensor, "P 3"],
+    bounce: IndirectDiffuse = indirect_diffuse,
 ) -> Float[Tensor, "R 3"]:
     """What points on the mesh receive, between its vertices; those beside it as they are.
 
     Args:
-        places: of the points.
+        hit_points: of the points.
         position: m, world.
         normal: unit.
-        probes: the skin.
-        shed: radiance of each probe.
-        bounce: as `bounced`.
+        surfels: the skin.
+        emitted: radiance of each probe.
+        bounce: as `indirect_diffuse`.
     """
-    received = places.blend(bounce(probes.vertices, probes.normals, probes, shed))
-    beside = places.is_beside.nonzero()[:, 0]
-    return received.index_put((beside,), bounce(position[beside], normal[beside], probes, shed))
+    received = hit_points.blend(bounce(surfels.vertices, surfels.normals, surfels, emitted))
+    beside = hit_points.is_beside.nonzero()[:, 0]
+    return received.index_put((beside,), bounce(position[beside], normal[beside], surfels, emitted))

@@ -14,9 +14,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from .brdf import glossy
-from .indirect_diffuse import Bounce, bounced
-from .lighting import LightFeatures, ProbeLight, SurfacePoints, around_surface
+from .brdf import ggx
+from .indirect_diffuse import IndirectDiffuse, indirect_diffuse
+from .lighting import LightFeatures, SurfacePoints, SurfelIrradiance, around_surface
 from .nearby_geometry import Patches
 from .prefiltered_environment import from_square, on_square
 from .samples import LightSamples
@@ -31,7 +31,7 @@ _POINTS_AT_ONCE, _GPU_POINTS_AT_ONCE = 512, 1 << 14
 _NEAREST, _SPREAD_RAD = 4, 0.3
 
 
-class SurroundingLight(NamedTuple):
+class PatchIrradiance(NamedTuple):
     """What P patches receive from a light whose sky has K directions, and L lamps.
 
     Attributes:
@@ -44,26 +44,28 @@ class SurroundingLight(NamedTuple):
     of_sky: Tensor
     of_lamps: Tensor
 
-    def shed(self, light: LightSamples, skin: ProbeLight, bounce: Bounce = bounced) -> Float[Tensor, "P 3"]:
+    def emitted(
+        self, light: LightSamples, skin: SurfelIrradiance, bounce: IndirectDiffuse = indirect_diffuse
+    ) -> Float[Tensor, "P 3"]:
         """Radiance of the patches, after one exchange among them and with what the hand's skin sheds on them.
 
         Args:
             light: sampled.
             skin: of the hand, in that light.
-            bounce: as `bounced`.
+            bounce: as `indirect_diffuse`.
         """
         patches = self.patches
         received = self.of_sky.T @ light.sky.flux + self.of_lamps.T @ light.lamps.rgb
         first = patches.albedo * received
-        of_hand = bounce(patches.position, patches.normal, skin.probes, skin.shed(light))
+        of_hand = bounce(patches.position, patches.normal, skin.surfels, skin.emitted(light))
         return first + patches.albedo * (patches.exchanged() @ first + of_hand)
 
 
-class NearLight(NamedTuple):
+class NearFieldFeatures(NamedTuple):
     """What is added to the `LightFeatures` of the same names."""
 
     sky_vectors: Tensor
-    near_gloss: Tensor
+    near_field_specular: Tensor
     scattered: Tensor
 
     def diffuse(self, normal: Float[Tensor, "R 3"]) -> Float[Tensor, "R 3"]:
@@ -75,40 +77,40 @@ class NearLight(NamedTuple):
         return features._replace(**{name: getattr(features, name) + value for name, value in self._asdict().items()})
 
 
-def near_light(
-    patches: Patches, open_sky: PointShadows, shed: Float[Tensor, "P 3"], points: SurfacePoints
-) -> NearLight:
+def near_field_light(
+    patches: Patches, sky_visibility: PointShadows, emitted: Float[Tensor, "P 3"], points: SurfacePoints
+) -> NearFieldFeatures:
     """What R points receive from patches. The factors' sum is at most 1, as in `light.indirect_diffuse`.
 
     Args:
         patches: around the hand.
-        open_sky: shadows of the sky by the hand alone, at the points.
-        shed: radiance of the patches.
+        sky_visibility: shadows of the sky by the hand alone, at the points.
+        emitted: radiance of the patches.
         points: on the skin.
     """
-    parts, at_once = [], _POINTS_AT_ONCE if shed.device.type == "cpu" else _GPU_POINTS_AT_ONCE
-    for index in torch.arange(len(points.position), device=shed.device).split(at_once):
+    parts, at_once = [], _POINTS_AT_ONCE if emitted.device.type == "cpu" else _GPU_POINTS_AT_ONCE
+    for index in torch.arange(len(points.position), device=emitted.device).split(at_once):
         some = (values[index].detach() for values in points[:-1])
-        parts.append(_near_light(patches, open_sky.lit[:, index], shed, *some))
-    return NearLight(*(torch.cat(values) for values in zip(*parts, strict=True)))
+        parts.append(_near_field_light(patches, sky_visibility.lit[:, index], emitted, *some))
+    return NearFieldFeatures(*(torch.cat(values) for values in zip(*parts, strict=True)))
 
 
-def _near_light(
-    patches: Patches, open_to: Tensor, shed: Tensor, position: Tensor, normal: Tensor, relief: Tensor, view: Tensor
-) -> NearLight:
+def _near_field_light(
+    patches: Patches, occlusion: Tensor, emitted: Tensor, position: Tensor, normal: Tensor, relief: Tensor, view: Tensor
+) -> NearFieldFeatures:
     towards, factors, distance = patches.factors(position)
-    nearest, weights = (values[cell_of(towards)] for values in sky_cells(shed.device))
-    open_sky = open_to.T.gather(1, nearest.flatten(1)).reshape(nearest.shape)
-    factors = factors * (open_sky * weights).sum(-1)
+    nearest, weights = (values[cell_of(towards)] for values in sky_cells(emitted.device))
+    sky_visibility = occlusion.T.gather(1, nearest.flatten(1)).reshape(nearest.shape)
+    factors = factors * (sky_visibility * weights).sum(-1)
     cosine = (towards * relief[:, None]).sum(-1)
     factors = factors / (factors * cosine.clamp(min=0)).sum(1, keepdim=True).clamp(min=1)
     radius_rad = (patches.area_m2 / torch.pi).sqrt() / distance
-    lobes = glossy(relief[:, None], towards, view[:, None], radius_rad)
+    lobes = ggx(relief[:, None], towards, view[:, None], radius_rad)
     around = around_surface((towards * normal[:, None]).sum(-1))
-    return NearLight(
-        sky_vectors=torch.einsum("rp,rpx,pc->rxc", factors * (cosine > 0), towards, shed),
-        near_gloss=torch.einsum("rpg,rp,pc->rgc", lobes, factors, shed),
-        scattered=torch.einsum("rp,rps,pc->rsc", factors, around, shed),
+    return NearFieldFeatures(
+        sky_vectors=torch.einsum("rp,rpx,pc->rxc", factors * (cosine > 0), towards, emitted),
+        near_field_specular=torch.einsum("rpg,rp,pc->rgc", lobes, factors, emitted),
+        scattered=torch.einsum("rp,rps,pc->rsc", factors, around, emitted),
     )
 
 

@@ -18,13 +18,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..records.light import Light
-from .indirect_diffuse import Probes
+from .indirect_diffuse import Surfels
 
 _MOST = 1024
 _TINY = 1e-12
 
 
-class Screens(NamedTuple):
+class Blockers(NamedTuple):
     """T triangles that may hide pieces from the hand; in single precision, for each is tried on each piece.
 
     `values` @ (x - `origin`) - `offsets` tells where a point x lies to each.
@@ -40,7 +40,7 @@ class Screens(NamedTuple):
     origin: np.ndarray
 
     @classmethod
-    def of(cls, triangles: np.ndarray, near: np.ndarray) -> Screens:
+    def of(cls, triangles: np.ndarray, near: np.ndarray) -> Blockers:
         """Of the triangles [N, 3, 3] those that look largest from vertices [V, 3]; without area they hide nothing."""
         origin = near.mean(0)
         a, b, c = (_largest(triangles, near) - origin).swapaxes(0, 1)
@@ -248,10 +248,10 @@ class PatchPoints(NamedTuple):
     patch: Tensor
 
     @property
-    def probes(self) -> Probes:
+    def surfels(self) -> Surfels:
         """The points as discs."""
         every = torch.arange(len(self.position), device=self.position.device)
-        return Probes(self.position, self.normal, every, self.area_m2)
+        return Surfels(self.position, self.normal, every, self.area_m2)
 
 
 class Patches(NamedTuple):
@@ -278,7 +278,7 @@ class Patches(NamedTuple):
         near = vertices[::step].cpu().double().numpy()
         if len(light.occluder_albedo) == 0:
             return cls._of(Pieces.none(), Pieces.none(), np.zeros(0, int), vertices.device)
-        points = _seen_points(light, near)
+        points = _points_before(light, near)
         patches, patch = _gathered(points, near, MOST_PATCHES)
         is_kept = patch >= 0
         return cls._of(patches, points.chosen(is_kept), patch[is_kept], vertices.device)
@@ -317,12 +317,12 @@ class Patches(NamedTuple):
         return factors / factors.sum(1, keepdim=True).clamp(min=1)
 
 
-def _seen_points(light: Light, near: np.ndarray) -> Pieces:
+def _points_before(light: Light, near: np.ndarray) -> Pieces:
     """What a hand with these vertices sees of a light's occluders."""
     triangles = np.asarray(light.occluders, float)
     cut = Pieces.of(triangles, np.asarray(light.occluder_albedo, float), near, _FINENESS[0])
     points, _ = _gathered(cut, near, _MOST_POINTS)
-    return Screens.of(triangles, near).seen(points)
+    return Blockers.of(triangles, near).seen(points)
 
 
 def _gathered(pieces: Pieces, near: np.ndarray, most: int) -> tuple[Pieces, np.ndarray]:

@@ -1,8 +1,8 @@
 """The sky prefiltered for glossy lobes: radiance by the direction of reflection, on an octahedral map.
 
-Each lobe of a pixel's gloss is a pair of round ones (`round_lobes`): the mean radiance of the sky around their
+Each lobe of a pixel's gloss is a pair of round ones (`isotropic_lobes`): the mean radiance of the sky around their
 directions, times what they reflect of even light, times the share of that light which the hand lets through to the ray
-(`LightFeatures.sky_seen`).
+(`LightFeatures.lobe_visibility`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..records.light import Sky, sky_directions
-from .brdf import AHEAD, SHARE, UP, WIDTH, WIDTHS, lobes_at, round_lobes, round_weight
+from .brdf import AHEAD, SHARE, UP, WIDTH, WIDTHS, isotropic_lobes, isotropic_weight, lobes_at
 
 
 def on_square(towards: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n"], Float[Tensor, "*n"]]:
@@ -42,22 +42,22 @@ _MOST_ROWS, _MOST_COLUMNS = 32, 64  # of the sky, whose finer texels are average
 _DIRECTIONS_AT_ONCE = 128  # whose weights stay in the cache
 
 
-class MirroredSky(NamedTuple):
+class PrefilteredEnvironment(NamedTuple):
     """Gloss of a sky that nothing hides.
 
     Attributes:
         radiance: [(SIDE + 2)^2, W, 3] mean radiance around each direction of the octahedral map, in round lobes of
             each of the W `WIDTHS`; RGB.
-        lobes: [A, C, 2, 4] `round_lobes`.
+        lobes: [A, C, 2, 4] `isotropic_lobes`.
     """
 
     radiance: Tensor
     lobes: Tensor
 
     @classmethod
-    def of(cls, sky: Sky | None, device: torch.device | str) -> MirroredSky:
+    def of(cls, sky: Sky | None, device: torch.device | str) -> PrefilteredEnvironment:
         """Of a sky; None is black."""
-        lobes = torch.as_tensor(round_lobes(), device=device)
+        lobes = torch.as_tensor(isotropic_lobes(), device=device)
         if sky is None:
             return cls(torch.zeros((SIDE + 2) ** 2, len(WIDTHS), 3, device=device), lobes)
         coarse = _coarse(sky)
@@ -127,7 +127,7 @@ def _coarse(sky: Sky) -> Float[np.ndarray, "h w 3"]:
 
 @lru_cache(maxsize=8)
 def _around_directions(radiance: bytes, size: tuple[int, int]) -> Float[np.ndarray, "N W 3"]:
-    """`MirroredSky.radiance` of a sky [h, w, 3] fp32: the same for all frames of most animations."""
+    """`PrefilteredEnvironment.radiance` of a sky [h, w, 3] fp32: the same for all frames of most animations."""
     sky = Sky(np.frombuffer(radiance, np.float32).reshape(*size, 3))
     texels = torch.as_tensor(sky_directions(*size).reshape(-1, 3), dtype=torch.float32)
     energy = torch.as_tensor((sky.radiance * sky.solid_angles[..., None]).reshape(-1, 3), dtype=torch.float32)
@@ -135,7 +135,7 @@ def _around_directions(radiance: bytes, size: tuple[int, int]) -> Float[np.ndarr
     both, means = torch.cat([energy, angle[:, None]], 1), []
     for directions in _map_directions().split(_DIRECTIONS_AT_ONCE):
         cosine = directions @ texels.T
-        means.append(torch.stack([round_weight(cosine, alpha) @ both for alpha in WIDTHS], 1))
+        means.append(torch.stack([isotropic_weight(cosine, alpha) @ both for alpha in WIDTHS], 1))
     around = torch.cat(means)
     return (around[..., :3] / around[..., 3:]).numpy()
 

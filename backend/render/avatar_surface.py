@@ -16,10 +16,10 @@ from ..hand.model import MIRROR_AXIS_ANGLE
 from ..records.shot import HandPose
 from ..surface.base_surface import whole_surface
 from ..surface.detail_maps import DetailMaps, SkinLook
-from ..surface.detail_maps_file import SkinBend, skin_detail_of
-from ..surface.detail_mesh import FineMesh, FineTemplate, motion_of_mesh
-from ..surface.detail_surface import FineSurface, fine_surface_of
-from ..surface.hair_growth import HairGrowth, Hairs, HairySkin, grown_hairs
+from ..surface.detail_maps_file import SkinFlexion, skin_detail_of
+from ..surface.detail_mesh import DetailMesh, DetailTemplate, motion_of_mesh
+from ..surface.detail_surface import DetailSurface, fine_surface_of
+from ..surface.hair_growth import HairGround, HairGrowth, Hairs, grown_hairs
 from ..surface.hairs import hair_albedo
 from ..surface.stored_surface import StoredSurface
 
@@ -27,7 +27,7 @@ _ON_POSE_M = 1e-4  # a mesh that is nowhere farther from that of its pose is mov
 
 
 @dataclass(frozen=True)
-class KnownSkin:
+class AvatarSurface:
     """A person's skin.
 
     Attributes:
@@ -40,20 +40,20 @@ class KnownSkin:
     """
 
     maps: DetailMaps
-    bend: SkinBend
-    surface: FineSurface
+    bend: SkinFlexion
+    surface: DetailSurface
     veins_mm: float
     hair_albedo: tuple[float, ...]
     hair_growth: HairGrowth
 
     def posed(
         self,
-        template: FineTemplate,
+        template: DetailTemplate,
         pose: HandPose,
         mesh: PosedMesh,
         frames: LocalFrames,
         backend: ReferenceBackend,
-    ) -> FineMesh:
+    ) -> DetailMesh:
         """The surface over a posed mesh.
 
         Args:
@@ -72,16 +72,16 @@ class KnownSkin:
         height_m = 1e-3 * self.surface.raised.height_mm(theta, self.veins_mm, forearm)
         height = torch.as_tensor(height_m[: len(template.offset_m)], dtype=torch.float32, device=device)
         flex = torch.as_tensor(self.bend.flex(theta), dtype=torch.float32, device=device)
-        return backend.fine_mesh(template, motion, height, flex, mesh.scale)
+        return backend.detail_mesh(template, motion, height, flex, mesh.scale)
 
 
-def hairs_on(skin: KnownSkin, template: FineTemplate) -> Hairs:
+def hairs_on(skin: AvatarSurface, template: DetailTemplate) -> Hairs:
     """Grow the hairs, which serve both sides; the template is the right one's."""
     tensors = template.rest_vertices(), template.normals, template.faces
-    return grown_hairs(HairySkin(*(values.cpu().numpy() for values in tensors)), skin.hair_growth)
+    return grown_hairs(HairGround(*(values.cpu().numpy() for values in tensors)), skin.hair_growth)
 
 
-def skin_of(avatar: Avatar, device: torch.device) -> KnownSkin | None:
+def avatar_surface_of(avatar: Avatar, device: torch.device) -> AvatarSurface | None:
     """The avatar's surface; None: it has none.
 
     Raises:
@@ -90,7 +90,7 @@ def skin_of(avatar: Avatar, device: torch.device) -> KnownSkin | None:
     return None if avatar.surface is None else _known_skin(avatar.surface, device)
 
 
-def skin_of_capture(capture: Capture, device: torch.device) -> KnownSkin | None:
+def skin_of_capture(capture: Capture, device: torch.device) -> AvatarSurface | None:
     """The surface that a capture shows; None: it tells of none.
 
     Raises:
@@ -100,10 +100,10 @@ def skin_of_capture(capture: Capture, device: torch.device) -> KnownSkin | None:
     return None if surface is None else _known_skin(surface, device)
 
 
-def _known_skin(surface: StoredSurface, device: torch.device) -> KnownSkin:
+def _known_skin(surface: StoredSurface, device: torch.device) -> AvatarSurface:
     arrays, person = whole_surface(surface).arrays, surface.person
     detail = skin_detail_of(arrays)
-    return KnownSkin(
+    return AvatarSurface(
         maps=DetailMaps.of(detail, SkinLook(person.melanin, person.folds, person.veins_mm), device),
         bend=detail.bend,
         surface=fine_surface_of(arrays),

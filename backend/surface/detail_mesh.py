@@ -22,8 +22,8 @@ from ..geometry.rasterise import NearestFronts, nearest_fronts, rasterise
 from ..hand.lbs import SkinMotion, SkinTensors
 from ..hand.model import MIRROR_POINT, HandModel
 from ..records.errors import LiveHandError
-from .detail_surface import LEVELS, FineSurface
-from .edge_antialiasing import SPREAD, PartEdges, SurfaceBones, SurfaceFragments
+from .detail_surface import LEVELS, DetailSurface
+from .edge_antialiasing import SPREAD, EdgePixels, SurfaceBones, SurfaceFragments
 
 SAMPLES = tuple(((k + 0.5) / 16, (int(f"{k:04b}"[::-1], 2) + 0.5) / 16) for k in range(16))
 """Where in a pixel on the outline the surface is looked for: Hammersley's points, of which each 16th of a pixel's width
@@ -38,7 +38,7 @@ MOST_EDGE_PX = 1.0
 _CLOSE_M, _FAR_M = 0.0005, 0.0015
 
 
-class FinerField(NamedTuple):
+class SubdivisionLevel(NamedTuple):
     """One level of subdivision, as it makes a field of N vertices out of one of V.
 
     Attributes:
@@ -54,21 +54,21 @@ class FinerField(NamedTuple):
     start: Tensor
 
     @classmethod
-    def of(cls, step: LoopStep) -> FinerField:
+    def of(cls, step: LoopStep) -> SubdivisionLevel:
         """The weights of a level."""
         order = np.lexsort((step.column, step.row))
         row, start = step.row[order], np.searchsorted(step.row[order], np.arange(step.vertex_count + 1))
         weight = torch.as_tensor(step.value[order], dtype=torch.float32)
         return cls(torch.as_tensor(row), torch.as_tensor(step.column[order]), weight, torch.as_tensor(start))
 
-    def to(self, device: torch.device | str) -> FinerField:
+    def to(self, device: torch.device | str) -> SubdivisionLevel:
         """The same on a device."""
-        return FinerField(*(tensor.to(device) for tensor in self))
+        return SubdivisionLevel(*(tensor.to(device) for tensor in self))
 
-    def first(self, count: int) -> FinerField:
+    def first(self, count: int) -> SubdivisionLevel:
         """The same, for the first of the finer vertices."""
         entries = int(self.start[count])
-        return FinerField(*(values[:entries] for values in self[:3]), start=self.start[: count + 1])
+        return SubdivisionLevel(*(values[:entries] for values in self[:3]), start=self.start[: count + 1])
 
     def __call__(self, values: Float[Tensor, "V C"]) -> Float[Tensor, "N C"]:
         """The field at the finer vertices."""
@@ -76,7 +76,7 @@ class FinerField(NamedTuple):
         return finer.index_add(0, self.row, self.weight[:, None] * values[self.column])
 
 
-class FineTemplate(NamedTuple):
+class DetailTemplate(NamedTuple):
     """What all poses of a fine surface share: N vertices, M faces.
 
     Attributes:
@@ -94,7 +94,7 @@ class FineTemplate(NamedTuple):
 
     skin: SkinTensors
     mirror: Tensor
-    levels: tuple[FinerField, ...]
+    levels: tuple[SubdivisionLevel, ...]
     faces: Tensor
     corner_uv: Tensor
     around: tuple[Tensor, Tensor]
@@ -104,7 +104,7 @@ class FineTemplate(NamedTuple):
     coarse_faces: Tensor
 
     @classmethod
-    def of(cls, surface: FineSurface, model: HandModel, device: torch.device | str = "cpu") -> FineTemplate:
+    def of(cls, surface: DetailSurface, model: HandModel, device: torch.device | str = "cpu") -> DetailTemplate:
         """The template of a hand of either side; the surface is that of the right hand.
 
         Raises:
@@ -114,7 +114,7 @@ class FineTemplate(NamedTuple):
         rest, weights, coarse_faces = skin.v_template, skin.lbs_weights, faces
         for _ in range(LEVELS):
             step = loop_step(faces, len(rest))
-            levels.append(FinerField.of(step).to(device))
+            levels.append(SubdivisionLevel.of(step).to(device))
             rest, weights = levels[-1](rest), levels[-1](weights)
             coarse_faces, faces, corner_uv = faces, step.faces, split_corners(corner_uv)
         if len(surface.offset_m) != len(rest):
@@ -137,7 +137,7 @@ class FineTemplate(NamedTuple):
             coarse_faces=torch.as_tensor(coarse_faces, device=device),
         )
 
-    def coarser(self) -> FineTemplate:
+    def coarser(self) -> DetailTemplate:
         """The surface in a quarter of its faces, with their corners where they are."""
         count, faces = int(self.coarse_faces.max()) + 1, len(self.coarse_faces)
         corner_uv = self.corner_uv.unflatten(0, (4, faces))[:3, :, 0].transpose(0, 1)
@@ -163,16 +163,16 @@ class FineTemplate(NamedTuple):
 class LevelsOfDetail(NamedTuple):
     """The templates of one surface, for images of any size."""
 
-    finest: FineTemplate
-    coarser: FineTemplate
+    finest: DetailTemplate
+    coarser: DetailTemplate
 
     @classmethod
-    def of(cls, surface: FineSurface, model: HandModel, device: torch.device | str) -> LevelsOfDetail:
+    def of(cls, surface: DetailSurface, model: HandModel, device: torch.device | str) -> LevelsOfDetail:
         """Both templates of a hand of either side."""
-        finest = FineTemplate.of(surface, model, device)
+        finest = DetailTemplate.of(surface, model, device)
         return cls(finest, finest.coarser())
 
-    def seen_in(self, hand: HandInView) -> FineTemplate:
+    def visible_in(self, hand: HandInView) -> DetailTemplate:
         """The coarser one, if none of its edges is longer in the image than a few pixels."""
         mesh, topology, camera = hand[:3]
         nearest_m = (mesh.vertices @ camera.world2cam[2, :3] + camera.world2cam[2, 3]).min()
@@ -180,7 +180,7 @@ class LevelsOfDetail(NamedTuple):
         return self.coarser if edge_m * camera.focal_px < MOST_EDGE_PX * nearest_m else self.finest
 
 
-class FineMesh(NamedTuple):
+class DetailMesh(NamedTuple):
     """A fine surface in one pose.
 
     Attributes:
@@ -188,10 +188,10 @@ class FineMesh(NamedTuple):
         normals: [N, 3] unit, outward.
         faces: [M, 3].
         corner_uv: [M, 3, 2].
-        flex: [N] bend of the skin (`SkinBend.flex`).
+        flex: [N] bend of the skin (`SkinFlexion.flex`).
         scale: [] against the template.
         bones: that its faces follow.
-        coarse_faces: as in `FineTemplate`.
+        coarse_faces: as in `DetailTemplate`.
     """
 
     vertices: Tensor
@@ -217,16 +217,16 @@ class PixelSurface(NamedTuple):
     face: Tensor
     depth: Tensor
     coverage: Tensor
-    edges: PartEdges
+    edges: EdgePixels
 
 
-def fine_mesh(
-    template: FineTemplate,
+def detail_mesh(
+    template: DetailTemplate,
     motion: SkinMotion,
     height_m: Float[Tensor, " N"],
     flex: Float[Tensor, " V"],
     scale: Float[Tensor, ""],
-) -> FineMesh:
+) -> DetailMesh:
     """The surface over a posed mesh.
 
     Linear blend skinning of the finer vertices: a finer vertex's weights, and so its transform, are means of those of
@@ -235,7 +235,7 @@ def fine_mesh(
     Args:
         template: of the mesh's side.
         motion: of the mesh.
-        height_m: what rises on the surface (`RaisedSkin.height_mm`), template metres.
+        height_m: what rises on the surface (`PoseDisplacement.height_mm`), template metres.
         flex: bend of the skin at the mesh's vertices.
         scale: of the mesh against the template.
     """
@@ -247,10 +247,10 @@ def fine_mesh(
     vertices = (transforms[..., :3] * rest[:, None]).sum(-1) + transforms[..., 3]
     normals = vertex_normals(vertices, template.faces)
     shared = template.bones, template.coarse_faces
-    return FineMesh(vertices, normals, template.faces, template.corner_uv, values[:, 15], scale, *shared)
+    return DetailMesh(vertices, normals, template.faces, template.corner_uv, values[:, 15], scale, *shared)
 
 
-def on_surface(hand: HandInView, surface: FineMesh, depth: Float[Tensor, " P"]) -> HandInView:
+def on_surface(hand: HandInView, surface: DetailMesh, depth: Float[Tensor, " P"]) -> HandInView:
     """The hand as rays of its field meet it: they end on the known surface, and the field follows what a pose raises.
 
     A field knows what is within its shell about the mesh, and a fist's knuckles stand out of that. Where the surface is
@@ -265,10 +265,10 @@ def on_surface(hand: HandInView, surface: FineMesh, depth: Float[Tensor, " P"]) 
     off_m = ((surface.vertices[: len(vertices)] - vertices) * normals).sum(1, keepdim=True)
     share = ((off_m.abs() / scale - _CLOSE_M) / (_FAR_M - _CLOSE_M)).clamp(0, 1)
     moved = vertices + share * share * (3 - 2 * share) * off_m * normals
-    return hand._replace(mesh=hand.mesh._replace(vertices=moved), known_depth=depth)
+    return hand._replace(mesh=hand.mesh._replace(vertices=moved), surface_depth=depth)
 
 
-def motion_of_mesh(template: FineTemplate, mesh: PosedMesh, frames: LocalFrames) -> SkinMotion:
+def motion_of_mesh(template: DetailTemplate, mesh: PosedMesh, frames: LocalFrames) -> SkinMotion:
     """How a mesh has moved whose pose is not all that moved it: by the rotation of the surface about each vertex.
 
     Args:
@@ -281,7 +281,7 @@ def motion_of_mesh(template: FineTemplate, mesh: PosedMesh, frames: LocalFrames)
     return SkinMotion(rest, torch.cat([turned, mesh.vertices[..., None] - turned @ rest[..., None]], -1))
 
 
-def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
+def visible_surface(mesh: DetailMesh, camera: CameraTensors) -> PixelSurface:
     """What the camera's pixels show of the mesh."""
     (width, height), projected = camera.size_px, project(camera, mesh.vertices)
     depth_at, face = first_fronts(mesh, *projected, camera)
@@ -289,7 +289,7 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     depths, faces = zip(*(first_fronts(mesh, *projected, camera, sample) for sample in SAMPLES), strict=True)
     samples = SurfaceFragments(torch.stack(depths), mesh.bones.at(torch.stack(faces)))
     covered = samples.depth.isfinite().float().mean(0)
-    edges = PartEdges.of(SurfaceFragments(depth_at, mesh.bones.at(face)), samples, mesh.bones, camera, mesh.scale)
+    edges = EdgePixels.of(SurfaceFragments(depth_at, mesh.bones.at(face)), samples, mesh.bones, camera, mesh.scale)
     inside = is_seen.float().reshape(1, 1, height, width)
     within = -torch.nn.functional.max_pool2d(-inside, 3, 1, 1)  # beyond the image is as its rim
     around = torch.nn.functional.max_pool2d(inside, 3, 1, 1)
@@ -301,7 +301,7 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
 
 
 def first_fronts(
-    mesh: FineMesh,
+    mesh: DetailMesh,
     positions_px: Float[Tensor, "N 2"],
     depth: Float[Tensor, " N"],
     camera: CameraTensors,
@@ -321,7 +321,7 @@ def spread(coverage: Float[Tensor, " P"], size_px: tuple[int, int]) -> Float[Ten
 
 
 def _faces_around(faces: Int[Tensor, "M 3"], count: int) -> tuple[Tensor, Tensor]:
-    """As `FineTemplate.around`."""
+    """As `DetailTemplate.around`."""
     corners = faces.flatten()
     start = torch.zeros(count + 1, dtype=torch.long, device=faces.device)
     start[1:] = torch.cumsum(torch.bincount(corners, minlength=count), 0)
@@ -329,7 +329,7 @@ def _faces_around(faces: Int[Tensor, "M 3"], count: int) -> tuple[Tensor, Tensor
 
 
 def barycentric(
-    mesh: FineMesh, camera: CameraTensors, face: Int[Tensor, " K"], pixel: Int[Tensor, " K"]
+    mesh: DetailMesh, camera: CameraTensors, face: Int[Tensor, " K"], pixel: Int[Tensor, " K"]
 ) -> Float[Tensor, "K 3"]:
     """Barycentric coordinates, in space, of the points of faces that are seen in pixels' centres.
 

@@ -47,7 +47,7 @@ class PoseForm:
 
 
 @dataclass(frozen=True)
-class RaisedSkin:
+class PoseDisplacement:
     """All that rises on a surface of N vertices.
 
     Attributes:
@@ -71,12 +71,12 @@ class RaisedSkin:
         clenched = np.clip(flexion_deg[_KNUCKLES].mean() / _CLENCHED_DEG, 0, 1)
         height = veins_mm * (0.75 + 0.5 * clenched) * self.vein
         shares = np.array([form.share(float(flexion_deg[form.joint])) for form in self.forms])
-        form, vertex, form_mm = self._places_of_forms
+        form, vertex, form_mm = self._vertices_of_forms
         of_forms = np.bincount(vertex, shares[form] * form_mm, len(height))
         return height + of_forms.astype(height.dtype)
 
     @cached_property
-    def _places_of_forms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _vertices_of_forms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """[K] each: a form, a vertex that it raises, and how much, mm. Forms raise few of all vertices."""
         heights_mm = np.stack([form.height_mm for form in self.forms])
         form, vertex = heights_mm.nonzero()
@@ -90,7 +90,7 @@ OFFSET_STEP_M, HEIGHT_STEP_MM, VEIN_STEP = 1e-6, 0.025, 0.01
 
 
 @dataclass(frozen=True)
-class FineSurface:
+class DetailSurface:
     """The surface at rest, N vertices, right hand.
 
     Attributes:
@@ -99,10 +99,10 @@ class FineSurface:
     """
 
     offset_m: np.ndarray
-    raised: RaisedSkin
+    raised: PoseDisplacement
 
 
-def surface_arrays(surface: FineSurface) -> dict[str, np.ndarray]:
+def surface_arrays(surface: DetailSurface) -> dict[str, np.ndarray]:
     """The arrays of a file, in whole steps."""
     forms, raised = surface.raised.forms, surface.raised
     return {
@@ -115,20 +115,20 @@ def surface_arrays(surface: FineSurface) -> dict[str, np.ndarray]:
     }
 
 
-def load_fine_surface(hand_sha256: str) -> FineSurface | None:
+def load_detail_surface(hand_sha256: str) -> DetailSurface | None:
     """The base surface of a built-in hand; None: this hand has none."""
     return fine_surface_of(base_arrays(SURFACE_FILE)) if has_base(hand_sha256) else None
 
 
-def fine_surface_of(arrays: Mapping[str, np.ndarray]) -> FineSurface:
+def fine_surface_of(arrays: Mapping[str, np.ndarray]) -> DetailSurface:
     """The surface of a file's arrays (`stored_surface.ARRAYS`)."""
     heights_mm = arrays["form/height"] * np.float32(HEIGHT_STEP_MM)
     forms = [
         PoseForm(int(joint), float(start), float(full), height)
         for joint, (start, full), height in zip(arrays["form/joint"], arrays["form/range_deg"], heights_mm, strict=True)
     ]
-    raised = RaisedSkin(tuple(forms), arrays["vein"] * np.float32(VEIN_STEP), arrays["flexion"])
-    return FineSurface(arrays["offset"] * np.float32(OFFSET_STEP_M), raised)
+    raised = PoseDisplacement(tuple(forms), arrays["vein"] * np.float32(VEIN_STEP), arrays["flexion"])
+    return DetailSurface(arrays["offset"] * np.float32(OFFSET_STEP_M), raised)
 
 
 def _steps(values: np.ndarray, step: float, kind: type[np.signedinteger]) -> np.ndarray:

@@ -62,7 +62,7 @@ class SurfaceFragments(NamedTuple):
     bone: Tensor
 
 
-class PartEdges(NamedTuple):
+class EdgePixels(NamedTuple):
     """S pixels that show two parts.
 
     Attributes:
@@ -84,7 +84,7 @@ class PartEdges(NamedTuple):
         bones: SurfaceBones,
         camera: CameraTensors,
         scale: Tensor,
-    ) -> PartEdges:
+    ) -> EdgePixels:
         """The edges in an image.
 
         Args:
@@ -148,7 +148,7 @@ def blended(
     colours: Float[Tensor, "3 H W"],
     alpha: Float[Tensor, "H W"],
     depth: Float[Tensor, "H W"],
-    edges: PartEdges,
+    edges: EdgePixels,
 ) -> Float[Tensor, "3 H W"]:
     """The image with both parts in the pixels that show them.
 

@@ -25,7 +25,7 @@ _BEHIND = 100.0  # times the least difference of depth between parts
 _LEAST_OPACITY, _LEAST_WEIGHT = 0.02, 1e-6
 
 
-def completed(rays: RenderedRays, hits: RayHits) -> tuple[RenderedRays, RayHits]:
+def add_missing_rays(rays: RenderedRays, hits: RayHits) -> tuple[RenderedRays, RayHits]:
     """The rays and, all clear, one in every other pixel where the surface is; and where each meets it.
 
     Args:
@@ -47,7 +47,7 @@ def completed(rays: RenderedRays, hits: RayHits) -> tuple[RenderedRays, RayHits]
     return rays, RayHits(hits.depth[rays.pixel], hits.normal[rays.pixel])
 
 
-def filled(
+def inpaint(
     low: Composite, pixel: Int[Tensor, " R"], size_px: tuple[int, int], hits: RayHits, edge_m: Float[Tensor, ""]
 ) -> Composite:
     """The rays, with channels and opacity of the skin around, at its depth, where they are clear.
@@ -83,7 +83,7 @@ def filled(
     )
 
 
-def without_strays(
+def drop_outliers(
     points: SurfacePoints, alpha: Float[Tensor, " R"], hits: RayHits, edge_m: Float[Tensor, ""]
 ) -> SurfacePoints:
     """The points, but those of clear rays that miss the surface far behind it, so that no pixel of it has their light.
@@ -96,9 +96,9 @@ def without_strays(
         hits: with the surface.
         edge_m: depths that differ by more are of other parts.
     """
-    is_stray = ~hits.depth.isfinite() & (alpha < CLEAR)
+    is_outlier = ~hits.depth.isfinite() & (alpha < CLEAR)
     behind = points.position + _BEHIND * edge_m * points.view
-    return points._replace(position=torch.where(is_stray[:, None], behind, points.position))
+    return points._replace(position=torch.where(is_outlier[:, None], behind, points.position))
 
 
 def _around(pixel: Int[Tensor, " R"], size_px: tuple[int, int], rays: Int[Tensor, " K"]) -> Int[Tensor, "S K"]:

@@ -1,7 +1,7 @@
 """A known skin on a lit image: outline and normals of its fine surface, with its detail (bump mapping, Blinn 1978).
 
 The rays of a relightable field tell colour, normal and opacity at half the image's size and to the resolution of its
-planes and mesh. Where the surface itself is known (`fine_mesh`), it tells the full-size image's coverage and the
+planes and mesh. Where the surface itself is known (`detail_mesh`), it tells the full-size image's coverage and the
 normals in which lamps and gloss are evaluated; folds, lines and the rims of nails (`detail_maps_file`) bend these and
 darken coefficients, by maps of images' own size (`detail_maps`). Light that is scattered far in the skin shows less of
 them, so diffuse light has normals of its own (hybrid normals, Ma et al. 2007). Nails shine in the narrower lobe alone:
@@ -18,11 +18,11 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from ..field.rays import CameraTensors
-from ..image.shading import MIN_ALPHA, LitImage
-from ..light.lighting import DIFFUSE, GLOSS, SCATTERED, BumpedSkin
+from ..image.shading import MIN_ALPHA, ShadingInputs
+from ..light.lighting import DIFFUSE, GLOSS, SCATTERED, BumpMapping
 from .detail_maps import BUMP, CHANNELS, GLOSS_STEP, DetailMaps
 from .detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
-from .detail_mesh import FineMesh, PixelSurface, barycentric, blend_corners
+from .detail_mesh import DetailMesh, PixelSurface, barycentric, blend_corners
 
 FOLD_LOG_ALBEDO = (-0.45, -0.65, -0.60)
 """Logarithm of the colour of folds over that of the skin around them."""
@@ -39,7 +39,7 @@ NAIL, SQUARED, HIDDEN_FOLDS = 9, 10, 11
 _TINY = 1e-12
 
 
-class PixelSkin(NamedTuple):
+class DetailPixels(NamedTuple):
     """What a known skin tells of a lit image of P pixels, K of which see it in their centre.
 
     Attributes:
@@ -47,7 +47,7 @@ class PixelSkin(NamedTuple):
         depth: [P] m; infinite where none does.
         row: [K] of the pixels in the image.
         normal: [K, 3] unit, world, with the detail.
-        surface_normal, blurred_normal, alpha_squared, nail: [K, ...] as in `BumpedSkin`.
+        surface_normal, blurred_normal, alpha_squared, nail: [K, ...] as in `BumpMapping`.
         albedo: [K, 3] factor of colours.
         sharpness: [3] as there.
     """
@@ -65,8 +65,8 @@ class PixelSkin(NamedTuple):
 
 
 def detailed_image(
-    image: LitImage, seen: PixelSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
-) -> LitImage:
+    image: ShadingInputs, seen: PixelSurface, mesh: DetailMesh, camera: CameraTensors, maps: DetailMaps
+) -> ShadingInputs:
     """The image with the known skin.
 
     Args:
@@ -76,18 +76,18 @@ def detailed_image(
         camera: of the image.
         maps: of the person.
     """
-    return with_skin(image, pixel_skin(image.pixel, image.view, seen, mesh, camera, maps))
+    return with_detail(image, detail_pixels(image.pixel, image.view, seen, mesh, camera, maps))
 
 
-def pixel_skin(
+def detail_pixels(
     pixel: Int[Tensor, " P"],
     view: Float[Tensor, "P 3"],
     seen: PixelSurface,
-    mesh: FineMesh,
+    mesh: DetailMesh,
     camera: CameraTensors,
     maps: DetailMaps,
-) -> PixelSkin:
-    """What these pixels show; `view` as in `LitImage`, others as in `detailed_image`."""
+) -> DetailPixels:
+    """What these pixels show; `view` as in `ShadingInputs`, others as in `detailed_image`."""
     row = (seen.face[pixel] >= 0).nonzero()[:, 0]
     face, depth = seen.face[pixel[row]].long(), seen.depth[pixel[row]]
     corners, weights = mesh.faces[face], barycentric(mesh, camera, face, pixel[row])
@@ -111,7 +111,7 @@ def pixel_skin(
         aside = BUMP * 1e-3 * maps.resolution * mesh.scale * (slopes[:, :, None] * gradients).sum(1)
         return normalize(surface_normal - aside, dim=-1)
 
-    return PixelSkin(
+    return DetailPixels(
         coverage=seen.coverage[pixel],
         depth=seen.depth[pixel],
         row=row,
@@ -125,7 +125,7 @@ def pixel_skin(
     )
 
 
-def with_skin(image: LitImage, skin: PixelSkin) -> LitImage:
+def with_detail(image: ShadingInputs, skin: DetailPixels) -> ShadingInputs:
     """The image with this skin, with gradients to its colours; normals beside the surface stay.
 
     Its gloss is known as its shape is: all of the broad lobe on skin, all of the tight one on nails.
@@ -133,15 +133,15 @@ def with_skin(image: LitImage, skin: PixelSkin) -> LitImage:
     row, before = skin.row, image.alpha.flatten()[image.pixel].clamp(MIN_ALPHA, 1)
     coefficients = image.coefficients * (skin.coverage / before)[:, None]
     coefficients[row, SCATTERED.start : DIFFUSE.stop] *= skin.albedo.repeat(1, 3)
-    known, names = BumpedSkin.smooth(image.normal), ("surface_normal", "blurred_normal", "alpha_squared", "nail")
-    told = {name: getattr(known, name).index_put((row,), getattr(skin, name)) for name in names}
-    coefficients[:, GLOSS] = torch.stack([told["nail"], 1 - told["nail"]], 1) * skin.coverage[:, None]
+    known, names = BumpMapping.smooth(image.normal), ("surface_normal", "blurred_normal", "alpha_squared", "nail")
+    reported = {name: getattr(known, name).index_put((row,), getattr(skin, name)) for name in names}
+    coefficients[:, GLOSS] = torch.stack([reported["nail"], 1 - reported["nail"]], 1) * skin.coverage[:, None]
     alpha = torch.zeros_like(image.alpha).flatten().index_put((image.pixel,), skin.coverage)
     depth = torch.full_like(image.depth, torch.inf).flatten().index_put((image.pixel,), skin.depth)
     return image._replace(
         normal=image.normal.index_put((row,), skin.normal),
         coefficients=coefficients,
-        skin=BumpedSkin(**told, sharpness=skin.sharpness),
+        skin=BumpMapping(**reported, sharpness=skin.sharpness),
         alpha=alpha.reshape(image.alpha.shape),
         depth=depth.reshape(image.depth.shape),
     )

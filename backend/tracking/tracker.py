@@ -130,8 +130,8 @@ class HandTracker:
         """What is seen in a region of a picture, whether a hand or not; its presence tells."""
         side = self._hand.size_px
         outputs = self._hand(cropped(picture, region, side, repeats_edge=True))
-        places, presence, right, world = (output[0].numpy().astype(np.float64) for output in outputs)
-        px = region.to_px(places.reshape(21, 3)[:, :2] / side)
+        points, presence, right, world = (output[0].numpy().astype(np.float64) for output in outputs)
+        px = region.to_px(points.reshape(21, 3)[:, :2] / side)
         world = world.reshape(21, 3).copy()
         world[:, :2] = world[:, :2] @ region.rotation.T
         return TrackedHand(track, px, world, float(presence[0]), float(right[0]))

@@ -172,16 +172,16 @@ def motion_seeds():
 
 
 def _take():
-    places = 320 + 900 * _POINTS[None, :, [0, 2]]
-    hand = {"right_frames": np.arange(4), "right_px": np.repeat(places, 4, 0), "right_world": np.stack([_POINTS] * 4)}
+    points = 320 + 900 * _POINTS[None, :, [0, 2]]
+    hand = {"right_frames": np.arange(4), "right_px": np.repeat(points, 4, 0), "right_world": np.stack([_POINTS] * 4)}
     return {"size_px": np.array([640, 480]), "focal_px": 600.0, "times": np.arange(4) / 30, "fps": 30.0, **hand}
 
 
 def _webxr():
-    places = ["metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"]
+    points = ["metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"]
     for k, finger in enumerate(("index-finger", "middle-finger", "ring-finger", "pinky-finger")):
-        yield from ((finger, place, _POINTS[5 + 4 * k - 1 + j].tolist()) for j, place in enumerate(places))
-    yield from (("thumb", place, _POINTS[1].tolist()) for place in places if "intermediate" not in place)
+        yield from ((finger, place, _POINTS[5 + 4 * k - 1 + j].tolist()) for j, place in enumerate(points))
+    yield from (("thumb", place, _POINTS[1].tolist()) for place in points if "intermediate" not in place)
     yield "wrist", "", _POINTS[0].tolist()
 
 

@@ -7,7 +7,7 @@ import pytest
 
 PROGRAM = """
 import atexit, sys
-from livehand.backend.system.processes import run_process
+from livehand.backend.system.process_end import run_process
 
 class Hangs:  # as Blender as a module does when the interpreter ends
     def __del__(self):

@@ -7,7 +7,7 @@ import pytest
 
 PROGRAM = """
 from livehand.backend.system.command import Command, run_commands, say
-from livehand.backend.system.processes import run_process
+from livehand.backend.system.process_end import run_process
 
 def work(args):
     with open("work", "w") as file:

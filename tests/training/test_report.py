@@ -127,8 +127,8 @@ def test_the_first_views_of_a_preview_are_spread_evenly(count):
     order = _spread_order(count)
     assert sorted(order) == list(range(count))
     if count >= 40:
-        places = sorted(order[:8])
-        assert max(np.diff([-1, *places, count])) <= count // 3
+        hit_points = sorted(order[:8])
+        assert max(np.diff([-1, *hit_points, count])) <= count // 3
 
 
 def test_a_session_without_output_is_silent(painted_capture, hand, avatar, capsys, tmp_path, monkeypatch):

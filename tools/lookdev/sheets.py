@@ -56,13 +56,13 @@ def look_at(
         whole = {name: studio.picture(view, _WHOLE_PX) for name, view in WHOLE_HANDS.items()}
         close = {name: studio.picture(view, close_up_px) for name, view in CLOSE_UPS.items()}
         seen = studio.colours()
-    places = {place: colour for place, colour in seen.items() if colour is not None}
+    points = {place: colour for place, colour in seen.items() if colour is not None}
     _save(whole, folder / "whole_hands.png", 3)
     _save(close, folder / "close_ups.png", _COLUMNS)
     return {
         "contrast": {name: _contrast(picture, WHOLE_HANDS[name].mm_per_px) for name, picture in whole.items()},
-        "lab": {place: [round(float(value), 1) for value in colour] for place, colour in places.items()},
-        "unusual": [*colour_findings(places), *(f"{place}: not seen" for place in seen if place not in places)],
+        "lab": {place: [round(float(value), 1) for value in colour] for place, colour in points.items()},
+        "unusual": [*colour_findings(points), *(f"{place}: not seen" for place in seen if place not in points)],
     }
 
 

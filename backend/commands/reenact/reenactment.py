@@ -50,11 +50,11 @@ def exposed(
 
 def path_px(shots: FilmedShots, index: int, shutter_frames: float) -> float:
     """Measure how far the faster vertices move in the picture while the shutter is open."""
-    places = []
+    points = []
     for offset in (-shutter_frames / 2, shutter_frames / 2):
         pose = shots.pose(index + offset)
-        places.append(shots.camera.project(posed_vertices(shots.model, pose))[0])
-    return float(np.percentile(np.linalg.norm(places[1] - places[0], axis=-1), _FASTEST_SHARE))
+        points.append(shots.camera.project(posed_vertices(shots.model, pose))[0])
+    return float(np.percentile(np.linalg.norm(points[1] - points[0], axis=-1), _FASTEST_SHARE))
 
 
 def sample_count(moved_px: float) -> int:

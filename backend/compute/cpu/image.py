@@ -8,10 +8,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ...field.rays import CameraTensors
-from ...image.edge_avoiding_filter import FACING_POWER, SHARES, RayPlaces
-from ...image.shading import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, ray_depths, ray_rows
+from ...image.edge_avoiding_filter import FACING_POWER, SHARES, RaySurfacePoints
+from ...image.shading import MIN_ALPHA, EnlargedRays, RaysAround, ShadingInputs, SurfaceDepth, ray_depths, ray_rows
 from ...light.brdf import LEAST_ROUGHNESS
-from ...light.lighting import COEFFICIENTS, BumpedSkin, LightFeatures
+from ...light.lighting import COEFFICIENTS, BumpMapping, LightFeatures
 from ...light.prefiltered_environment import SIDE
 from ..kernels.brdf import MirrorArrays
 from ..kernels.edges import RaysOnSurface, mean_over_surface
@@ -52,7 +52,7 @@ def shares_of_rays(
     pixel: Int[Tensor, " R"],
     camera: CameraTensors,
     at: Int[Tensor, " P"],
-    skin: SkinDepth,
+    skin: SurfaceDepth,
 ) -> Float[Tensor, "P 4"]:
     """As `image.shading.shares_of_rays`."""
     depth, shares = ray_depths(position, pixel, camera), torch.empty(len(at), 4)
@@ -85,14 +85,14 @@ def view_directions(camera: CameraTensors, pixel: Int[Tensor, " P"]) -> Float[Te
     return directions
 
 
-def relit(
-    image: LitImage, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
+def shade_image(
+    image: ShadingInputs, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
 ) -> Float[Tensor, "3 H W"]:
     """Scene-linear colours of an image at twice `size_px`."""
     width, height = size_px
     rays, row = ray_rows(features), row_of(pixel, width * height)
     out = torch.zeros(4 * width * height, 3)
-    skin = image.skin or BumpedSkin.smooth(image.normal)
+    skin = image.skin or BumpMapping.smooth(image.normal)
     normals = image.normal, skin.surface_normal, skin.blurred_normal, skin.alpha_squared
     large = image.pixel, image.coefficients, *normals, image.view, image.share
     light = features.lamp_rgb, features.lamp_radius_rad, skin.nail, skin.sharpness
@@ -105,13 +105,16 @@ def relit(
 _MEAN_SHARES = np.array(SHARES, np.float32)
 
 
-def surface_means(values: Float[Tensor, "R C"], places: RayPlaces, stride: int) -> Float[Tensor, "R C"]:
-    """As `image.edge_avoiding_filter.surface_means`."""
-    width, height = places.size_px
-    row = row_of(places.pixel, width * height)
+def edge_avoiding_mean(values: Float[Tensor, "R C"], hit_points: RaySurfacePoints, stride: int) -> Float[Tensor, "R C"]:
+    """As `image.edge_avoiding_filter.edge_avoiding_mean`."""
+    width, height = hit_points.size_px
+    row = row_of(hit_points.pixel, width * height)
     means = torch.empty(values.shape)
-    pixel, position, normal, before = as_arrays(places.pixel, places.position, places.normal, values)
-    record, after = RaysOnSurface(pixel, row, width, position, normal, np.float32(places.off_plane_m)), means.numpy()
+    pixel, position, normal, before = as_arrays(hit_points.pixel, hit_points.position, hit_points.normal, values)
+    record, after = (
+        RaysOnSurface(pixel, row, width, position, normal, np.float32(hit_points.off_plane_m)),
+        means.numpy(),
+    )
     in_parallel(
         lambda first, last: mean_over_surface(record, _MEAN_SHARES, FACING_POWER, stride, before, first, last, after),
         len(values),
@@ -126,5 +129,5 @@ class ImageKernels(ReferenceBackend):
     shares_of_rays = staticmethod(shares_of_rays)
     normals_at_steps = staticmethod(normals_at_steps)
     view_directions = staticmethod(view_directions)
-    surface_means = staticmethod(surface_means)
-    relit = staticmethod(relit)
+    edge_avoiding_mean = staticmethod(edge_avoiding_mean)
+    shade_image = staticmethod(shade_image)

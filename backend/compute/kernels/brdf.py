@@ -1,6 +1,6 @@
 """The specular lobes and how a bump changes them: as `light.brdf`, `light.brdf` and `light.prefiltered_environment`.
 
-Of `light.prefiltered_environment` it has `on_square`, of `MirroredSky` `gloss` and `of_even_light`.
+Of `light.prefiltered_environment` it has `on_square`, of `PrefilteredEnvironment` `gloss` and `of_even_light`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Lobes(NamedTuple):
 
 
 class MirrorArrays(NamedTuple):
-    """As `light.prefiltered_environment.MirroredSky`, the map's `SIDE`, and `LEAST_ROUGHNESS` of `light.brdf`."""
+    """As `light.prefiltered_environment.PrefilteredEnvironment`, its `SIDE`, and `LEAST_ROUGHNESS` of `light.brdf`."""
 
     radiance: np.ndarray
     lobes: np.ndarray
@@ -68,7 +68,7 @@ def on_nail(nail, lobes):
 
 
 @part
-def glossy(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, squared_index, both):
+def ggx(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, squared_index, both):
     """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
     hx, hy, hz = x - view[0], y - view[1], z - view[2]
     length = max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
@@ -95,7 +95,7 @@ def bump_shadowing(facing, x, y, z, along, surface_normal):
 
 
 @part
-def leaving_share(above, to_eye, alpha_squared):
+def horizon_occlusion(above, to_eye, alpha_squared):
     """Of a lobe; `above`: cosine of the mirrored view and the surface's normal, `to_eye`: and the bump's own."""
     share, whole = _part_of_lobe(above, alpha_squared), _part_of_lobe(max(to_eye, _0), alpha_squared)
     return min(share / whole, _1)
@@ -108,7 +108,7 @@ def _part_of_lobe(cosine, alpha_squared):
 
 
 @part
-def mirroring_normal(normal, surface_normal, view, along, out):
+def clamped_reflection_normal(normal, surface_normal, view, along, out):
     """Fill out [3]; `along`: cosine of both normals."""
     up = -(surface_normal[0] * view[0] + surface_normal[1] * view[1] + surface_normal[2] * view[2])
     facing = -(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2])

@@ -33,7 +33,7 @@ _BUMPED, _BLURRED = 62, 65  # normals
 _ROWS = 68
 
 
-class SeenFaces(NamedTuple):
+class VisibleFaces(NamedTuple):
     """What P pixels see of a surface.
 
     Attributes:

@@ -253,7 +253,7 @@ def _is_first(depth, face, between, bone, marks):
 
 @compiled
 def edge_shares(pixel, seen, marks, samples, taps, first, last, share, shows_first):
-    """Fill of slots [first, last) what `surface.edge_antialiasing.PartEdges` tells.
+    """Fill of slots [first, last) what `surface.edge_antialiasing.EdgePixels` tells.
 
     `seen` is the first front faces' depth and index at pixels' centres, and the image's width and height.
     """

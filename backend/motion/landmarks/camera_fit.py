@@ -156,8 +156,8 @@ class CameraProblem:
         free = within_limits(aligned_bones(seen.world, root, self.skeleton, np.zeros(10)))
         wrist = np.zeros((len(root), 3))
         poses = CameraPoses(root, wrist, free)
-        wrist = placed(self.posed(poses).nodes, seen.lifted.places)
-        nearest = _nearest_seen(seen.is_seen)
+        wrist = placed(self.posed(poses).nodes, seen.lifted.picture_points)
+        nearest = _nearest_visible(seen.is_seen)
         filled = [np.interp(seen.times, seen.times[seen.is_seen], column[seen.is_seen]) for column in wrist.T]
         return CameraPoses(root[nearest], np.stack(filled, 1), free[nearest])
 
@@ -198,7 +198,7 @@ class CameraProblem:
         found = []
         for part, seen in self._parts(poses):
             nodes = self.posed(part).nodes
-            off = nodes[..., :2] / nodes[..., 2:] - seen.lifted.places
+            off = nodes[..., :2] / nodes[..., 2:] - seen.lifted.picture_points
             found.append(np.sqrt((off**2).sum(-1).mean(1)) / seen.size)
         return np.where(self.sighting.is_seen, np.concatenate(found), np.nan)
 
@@ -237,13 +237,13 @@ class CameraProblem:
     def _residuals(self, nodes: np.ndarray, seen: Sighting2D) -> np.ndarray:
         """Compute the residuals [T, 21, 2] of the places in the picture, in deviations; zero in unseen frames."""
         depth = np.maximum(nodes[..., 2:], _LEAST_DEPTH_M)
-        return (nodes[..., :2] / depth - seen.lifted.places) * _place_precision(seen)[..., None]
+        return (nodes[..., :2] / depth - seen.lifted.picture_points) * _point_precision(seen)[..., None]
 
     def _slopes(self, nodes: np.ndarray, slopes: np.ndarray, seen: Sighting2D) -> np.ndarray:
         """Compute the slopes [T, 21, 2, 27] of these residuals, from the nodes' own [T, 21, 3, 27]."""
         depth = np.maximum(nodes[..., 2], _LEAST_DEPTH_M)[..., None, None]
         across = slopes[..., :2, :] - nodes[..., :2, None] / depth * slopes[..., 2:, :]
-        return across / depth * _place_precision(seen)[..., None, None]
+        return across / depth * _point_precision(seen)[..., None, None]
 
     def _accelerations(self, poses: CameraPoses) -> np.ndarray:
         """Compute [T - 2, 27] second differences by the frames' times, in deviations."""
@@ -300,15 +300,15 @@ def at_nodes(landmarks: np.ndarray) -> np.ndarray:
     return nodes
 
 
-def placed(points: np.ndarray, places: np.ndarray) -> np.ndarray:
+def placed(points: np.ndarray, picture_points: np.ndarray) -> np.ndarray:
     """Find by how much [T, 3] m points [T, 21, 3] must move to be seen at places [T, 21, 2], by least squares.
 
     (x + X) = u (z + Z) is linear in the translation; dividing by the depth found makes it an error in the picture.
     """
     rows = np.zeros((*points.shape[:2], 2, 3))
     rows[..., 0, 0] = rows[..., 1, 1] = 1
-    rows[..., 2] = -places
-    right = places * points[..., 2:] - points[..., :2]
+    rows[..., 2] = -picture_points
+    right = picture_points * points[..., 2:] - points[..., :2]
     weight, moved = np.ones(points.shape[:2]), np.zeros((len(points), 3))
     for _ in range(_PLACE_STEPS):
         weighted = (rows * weight[..., None, None]).reshape(len(points), -1, 3)
@@ -319,9 +319,9 @@ def placed(points: np.ndarray, places: np.ndarray) -> np.ndarray:
     return moved
 
 
-def _place_precision(seen: Sighting2D) -> np.ndarray:
+def _point_precision(seen: Sighting2D) -> np.ndarray:
     """Compute [T, 21] one over the deviations of places; zero in unseen frames."""
-    return seen.is_seen[:, None] / seen.lifted.places_sd
+    return seen.is_seen[:, None] / seen.lifted.points_sd
 
 
 def _angle_precision(seen: Sighting2D) -> np.ndarray:
@@ -329,7 +329,7 @@ def _angle_precision(seen: Sighting2D) -> np.ndarray:
     return seen.is_seen[:, None] / seen.lifted.free_sd**2
 
 
-def _nearest_seen(is_seen: np.ndarray) -> np.ndarray:
+def _nearest_visible(is_seen: np.ndarray) -> np.ndarray:
     """Find the index [T] of the nearest frame with a hand."""
     seen = np.flatnonzero(is_seen)
     frames = np.arange(len(is_seen))

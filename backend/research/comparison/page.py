@@ -31,10 +31,10 @@ def svg_curves(series: Mapping[str, Sequence[tuple[float, float]]], x_label: str
     parts.append(f'<path d="M{left} {top}V{bottom}H{right}" fill="none" stroke="#999"/>')
     for index, (name, points) in enumerate(drawn.items()):
         colour = _COLOURS[index % len(_COLOURS)]
-        places = [_place(point, spans, (left, right, top, bottom)) for point in points]
-        line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+        points = [_place(point, spans, (left, right, top, bottom)) for point in points]
+        line = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
         parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="2"/>')
-        parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{colour}"/>' for x, y in places]
+        parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{colour}"/>' for x, y in points]
         parts.append(_text(width - 20, 30.0 + 20 * index, name, colour))
     (low_x, high_x), (low_y, high_y) = spans
     parts += [_text(left, bottom + 18, f"{low_x:g}"), _text(right - 10, bottom + 18, f"{high_x:g}")]

@@ -24,14 +24,14 @@ from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, f
 from livehand.backend.motion.motion import HandMotion, mirrored
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.records.errors import LiveHandError
-from livehand.tests.builders import joints_as_seen
+from livehand.tests.builders import joints_as_tracked
 
 pytestmark = pytest.mark.slow
 
 HAND = load_default_hand()
 SKELETON = HandSkeleton.of(HAND)
 CAMERA = FilmCamera((640, 480), 620.0)
-EXACT = partial(joints_as_seen, deviation=0.005)
+EXACT = partial(joints_as_tracked, deviation=0.005)
 
 
 def fitted(hand, times, side="right", fps=30.0, **more):
@@ -196,13 +196,13 @@ def test_a_step_goes_down_the_slope_of_the_cost(made, seen):
     _, points = made(3)
     rng = np.random.default_rng(0)
 
-    def told(places, world):
-        return joints_as_seen(places, world)._replace(
+    def reported(picture_points, world):
+        return joints_as_tracked(picture_points, world)._replace(
             free=rng.normal(size=(3, 21)) * 0.1, free_sd=np.full((3, 21), 0.2)
         )
 
     offsets = SKELETON.offsets(np.zeros(10))
-    sighting = sighted(seen(points), np.arange(3) / 30, CAMERA, "right", offsets, told)
+    sighting = sighted(seen(points), np.arange(3) / 30, CAMERA, "right", offsets, reported)
     problem = CameraProblem(sighting, SKELETON, offsets, NaturalPoses.of_library(), FitWeights())
     start = problem.initial()
     poses = CameraPoses(start.root, start.wrist, np.clip(start.free, LIMITS[:, 0] + 0.01, LIMITS[:, 1] - 0.01))

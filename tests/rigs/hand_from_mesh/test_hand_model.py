@@ -180,9 +180,9 @@ def loose_pieces(surface, skeleton, joint_map, gap=0.8):
     for k in range(16):
         own = surface.faces[(joint[surface.faces] == k).all(1)]
         used, compact = np.unique(own, return_inverse=True)
-        places = surface.vertices_m[used]
+        points = surface.vertices_m[used]
         faces.append(compact.reshape(-1, 3) + sum(map(len, vertices)))
-        vertices.append(places.mean(0) + gap * (places - places.mean(0)))
+        vertices.append(points.mean(0) + gap * (points - points.mean(0)))
         weights.append(surface.weights[used])
     faces = np.concatenate(faces)
     made = SkinnedSurface(np.concatenate(vertices), faces, np.arange(len(faces)), np.concatenate(weights))
