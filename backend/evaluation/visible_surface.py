@@ -1,4 +1,4 @@
-"""The posed mesh in a view: each pixel's depth and its openness to the sky."""
+"""The posed mesh in a view: each pixel's depth and its ambient occlusion to the sky."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def vertex_openness(mesh: PosedMesh, topology: Topology) -> Tensor:
 def visible_surface(
     mesh: PosedMesh, topology: Topology, ambient_occlusion: Tensor, view: CameraTensors
 ) -> VisibleSurface:
-    """Rasterise the mesh; a face has the mean openness [V] of its corners."""
+    """Rasterise the mesh; a face has the mean ambient occlusion [V] of its corners."""
     fragments = rasterise(*project(view, mesh.vertices), topology.faces, view.size_px)
     pixel, face, depth = (values[fragments.is_front] for values in fragments[:3])
     width, height = view.size_px

@@ -46,8 +46,8 @@ class HandInView(NamedTuple):
         mesh: the mesh.
         topology: of the mesh.
         camera: sees it.
-        surface_depth: [H * W] depth of its known surface at the pixels' centres, m, infinite where there is none; None:
-            none is known.
+        surface_depth: [H * W] depth of its avatar's surface at the pixels' centres, m, infinite beside it;
+            None: it has none.
         light_quality: of the light on it.
     """
 

@@ -5,9 +5,9 @@ the terminator, the view that a bump mirrors must leave the surface, and of the 
 surface is lost. All as Cycles has it.
 
 Seen from the side, a lobe is long in the plane of view and normal, narrow across it, and leans away from the mirrored
-view, as half of it would lie below the surface. Here it is two round lobes in that plane, one for the lower and one for
-the upper half of its light: each as wide as its half is across the plane, and so far from the middle of all light that
-both together are as long as the lobe.
+view, as half of it would lie below the surface. Here it is two isotropic lobes in that plane, one for the lower and
+one for the upper half of its light: each as wide as its half is across the plane, and so far from the middle of all
+light that both together are as long as the lobe.
 """
 
 from __future__ import annotations
@@ -177,32 +177,32 @@ def _bent_back(normal: Tensor, surface_normal: Tensor, view: Tensor) -> tuple[Te
 
 
 WIDTHS = tuple(float(alpha) for alpha in np.geomspace(0.02, 1, 7))
-"""Alpha of the round lobes for which light is known (`isotropic_weight`)."""
+"""Alpha of the isotropic lobes for which light is known (`isotropic_weight`)."""
 LEAST_ROUGHNESS, ROUGHNESSES = 0.2, 9
 """Blender's, the square root of alpha: from which, up to 1, and how many are tabulated."""
 COSINES = 65
 """Of the view, that are tabulated: 1 - x^2 for x from 0 to 1, for straight on directions turn with the angle."""
 SHARE, AHEAD, UP, WIDTH = range(4)
-"""What is known of a round lobe: how much it reflects of even light; its direction, along the surface away from the eye
-and along the normal; its width, a place among `WIDTHS`, between which the light of both is mixed."""
+"""What is known of an isotropic lobe: how much it reflects of even light; its direction, along the surface away from
+the eye and along the normal; its width, a place among `WIDTHS`, between which the light of both is mixed."""
 _HALF_VECTORS = 48  # along each of their two coordinates
 _LEAST_COSINE = 1e-3  # so that a sky of few texels has some around every direction
 
 
 def isotropic_weight(cosine: Float[Tensor, "*n"], alpha: float) -> Float[Tensor, "*n"]:
-    """Weight of light in a round lobe, by the cosine of its direction and the lobe's."""
+    """Weight of light in an isotropic lobe, by the cosine of its direction and the lobe's."""
     to_half_squared = (1 + cosine) / 2
     return cosine.clamp(min=_LEAST_COSINE) / (to_half_squared * (alpha**2 - 1)).add_(1).square_()
 
 
 @lru_cache(maxsize=1)
 def isotropic_lobes() -> Float[np.ndarray, "A C 2 4"]:
-    """Both round lobes for each roughness and cosine of the view, the lower one first."""
+    """Both isotropic lobes for each roughness and cosine of the view, the lower one first."""
     return torch.stack([_pair(float(alpha)) for alpha in np.linspace(LEAST_ROUGHNESS, 1, ROUGHNESSES) ** 2]).numpy()
 
 
 def lobes_at(to_eye: Float[Tensor, " P"], alpha_squared: Float[Tensor, " P"], table: Tensor) -> Float[Tensor, "P 2 4"]:
-    """The round lobes of P points, from the table.
+    """The isotropic lobes of P points, from the table.
 
     Args:
         to_eye: cosine of normal and eye.
@@ -246,7 +246,7 @@ def _halves(light: Float[Tensor, "C N"], towards: Float[Tensor, "C N 3"]) -> tup
 
 
 def _round(part: Float[Tensor, "C N"], light: Float[Tensor, "C N"], towards: Float[Tensor, "C N 3"]) -> Tensor:
-    """[C, 4] the round lobe of a part of the light."""
+    """[C, 4] the isotropic lobe of a part of the light."""
     middle = torch.nn.functional.normalize((light[..., None] * towards).sum(1), dim=-1)
     upward = torch.stack([-middle[:, 2], torch.zeros(COSINES), middle[:, 0]], -1)
     share = part.sum(1)
@@ -262,7 +262,7 @@ def _round(part: Float[Tensor, "C N"], light: Float[Tensor, "C N"], towards: Flo
 
 
 def _points(across: Float[Tensor, " C"]) -> Float[Tensor, " C"]:
-    """Among `WIDTHS`, of a round lobe of this second moment across its direction."""
+    """Among `WIDTHS`, of an isotropic lobe of this second moment across its direction."""
     cosine = torch.linspace(-1, 1, 20001)
     moments = []
     for alpha in WIDTHS:

@@ -67,7 +67,7 @@ class Surfels(NamedTuple):
 
 
 def surfel_vertices(count: int, most: int = MOST_SURFELS) -> Int[Tensor, " P"]:
-    """Which of a hand's vertices are probes."""
+    """Which of a hand's vertices are surfels."""
     return torch.linspace(0, count - 1, min(count, most)).round().long()
 
 
@@ -121,7 +121,7 @@ def indirect_diffuse(
         position: m, world.
         normal: unit.
         surfels: the skin.
-        emitted: radiance of each probe.
+        emitted: radiance of each surfel.
     """
     at_once = zip(position.split(_POINTS_AT_ONCE), normal.split(_POINTS_AT_ONCE), strict=True)
     return torch.cat([_indirect_diffuse(*some, surfels, emitted) for some in at_once])
@@ -151,7 +151,7 @@ def indirect_diffuse_on_mesh(
         position: m, world.
         normal: unit.
         surfels: the skin.
-        emitted: radiance of each probe.
+        emitted: radiance of each surfel.
         bounce: as `indirect_diffuse`.
     """
     received = hit_points.blend(bounce(surfels.vertices, surfels.normals, surfels, emitted))

@@ -42,14 +42,14 @@ _TINY = 1e-8
 
 
 class SurfelIrradiance(NamedTuple):
-    """What P probes (`light.indirect_diffuse`) receive from a light whose sky has K directions, and L lamps.
+    """What P surfels (`light.indirect_diffuse`) receive from a light whose sky has K directions, and L lamps.
 
     Attributes:
         surfels: the skin.
         albedo: [P, 3], or [3] of all.
         of_sky: [K, P] their diffuse light for a flux of 1 from each direction.
         of_lamps: [L, P] the same for each lamp's rgb.
-        besides: [P, 3] what they receive of what stands around; None: nothing.
+        besides: [P, 3] what they receive of nearby geometry; None: nothing.
     """
 
     surfels: Surfels
@@ -107,7 +107,7 @@ class SurfacePoints(NamedTuple):
 
     @classmethod
     def of(cls, surfels: Surfels) -> SurfacePoints:
-        """Probes of the skin, seen straight on."""
+        """Surfels of the skin, seen straight on."""
         position, normal = surfels.position, surfels.normal
         first = torch.zeros(len(position), 3, device=position.device)
         first[:, 0] = 1
@@ -132,7 +132,7 @@ class LightFeatures(NamedTuple):
         lobe_visibility: [R, 2] the share of the sky's gloss that arrives in each lobe: what the hand and nearby
             geometry do not hide.
         mirrored: the whole sky.
-        near_field_specular: [R, 2, 3] what stands around, in these lobes.
+        near_field_specular: [R, 2, 3] nearby geometry, in these lobes.
         scattered: [R, 2, 3] light that arrives inside the skin, at the two depths of `SCATTER_M`.
         arriving: [R, 3] factor of all of the above, where light was measured; else 1.
         reflected: [R, 3] light besides: what the hand sheds on itself, or what was measured, as the radiance of a white
@@ -152,7 +152,7 @@ class LightFeatures(NamedTuple):
 
 
 def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> AmbientOcclusion:
-    """The openness of points with these normals."""
+    """The ambient occlusion of points with these normals."""
     seen = shadows.lit * (sky.towards @ normal.T).clamp_(min=0)
     share = seen.sum(0) * (4 / len(sky.towards))
     return AmbientOcclusion(share, torch.nn.functional.normalize(seen.T @ sky.towards, dim=-1))
@@ -196,7 +196,7 @@ def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePo
 def irradiance_at_surfels(
     light: LightSamples, sky: PointShadows, lamps: PointShadows, surfels: Surfels
 ) -> tuple[Float[Tensor, "K P"], Float[Tensor, "L P"]]:
-    """`of_sky` and `of_lamps` of `SurfelIrradiance`, by the shadows at the probes."""
+    """`of_sky` and `of_lamps` of `SurfelIrradiance`, by the shadows at the surfels."""
     towards, strength = light.lamps.arriving(surfels.position)
     facing = (towards * surfels.normal).sum(-1).clamp(min=0)
     of_samples = strength * _unblocked(light.lamps, lamps) * facing

@@ -46,7 +46,7 @@ class PrefilteredEnvironment(NamedTuple):
     """Gloss of a sky that nothing hides.
 
     Attributes:
-        radiance: [(SIDE + 2)^2, W, 3] mean radiance around each direction of the octahedral map, in round lobes of
+        radiance: [(SIDE + 2)^2, W, 3] mean radiance around each direction of the octahedral map, in isotropic lobes of
             each of the W `WIDTHS`; RGB.
         lobes: [A, C, 2, 4] `isotropic_lobes`.
     """

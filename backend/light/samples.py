@@ -48,4 +48,4 @@ class LightQuality(NamedTuple):
 
 FINAL = LightQuality(SKY_DIRECTIONS, MOST_SURFELS)
 PREVIEW = LightQuality(16, 480)
-"""Pictures differ from those of `FINAL` by 39 to 50 dB on the hand for the sky, and by 48 to 54 for the probes."""
+"""Pictures differ from those of `FINAL` by 39 to 50 dB on the hand for the sky, and by 48 to 54 for the surfels."""

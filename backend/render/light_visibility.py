@@ -1,4 +1,4 @@
-"""What of a light reaches points of the skin: shadows by the hand itself and by what stands around it, and their light.
+"""What of a light reaches points of the skin: shadows by the hand itself and by nearby geometry, and their light.
 
 `light_visibility` is the road of frames and of training alike. It depends on no network: training keeps what it
 returns, in a byte each (`LightVisibility.packed`), and mixes the light anew at every step (`lit_by`).
@@ -27,7 +27,7 @@ from .primary_hits import LampShadowCaster, LampShadowCasters
 
 SKY_MAP_PX, LAMP_MAP_PX, SOFT_MAP_PX, PROBE_MAP_PX = 64, 256, 192, 64
 """Sides of the shadow maps of one direction of the sky, and of one sample of a lamp: at rays and patches; at rays, of a
-lamp whose shadows are too soft to show their pixels; at probes."""
+lamp whose shadows are too soft to show their pixels; at surfels."""
 # By how much patches lie before their surface in shadow maps: it must not shadow itself where light grazes.
 _PATCH_LIFT_PX = 1.5
 NO_OCCLUDERS = torch.zeros(0, 3, 3)
@@ -40,7 +40,7 @@ class LightVisibility(NamedTuple):
         samples: the light.
         shadows: of sky and lamps at the points, by the hand and by occluders.
         sky_visibility: shadows of the sky by the hand alone, as `sky_shadows` gives them.
-        around: the light that what stands around the hand receives; None: nothing does.
+        around: the light that nearby geometry receives; None: nothing does.
     """
 
     samples: LightSamples
@@ -58,7 +58,7 @@ class LightVisibility(NamedTuple):
         return self._replace(shadows=self.shadows._replace(surfels=surfels))
 
     def features(self, points: SurfacePoints, backend: ReferenceBackend) -> LightFeatures:
-        """Return what the light does at the points, and what stands around with it."""
+        """Return what the light does at the points, and nearby geometry with it."""
         return features_with_nearby(self.around, self.samples, self.shadows, self.sky_visibility, points, backend)
 
     def packed(self) -> PackedVisibility:
@@ -118,14 +118,14 @@ def light_visibility(
 
 
 def occluding_triangles(light: Light, device: torch.device) -> Float[Tensor, "T 3 3"]:
-    """What stands around the hand, world, m."""
+    """Nearby geometry, world, m."""
     return torch.as_tensor(light.occluders, dtype=torch.float32, device=device)
 
 
 def sky_shadows(
     backend: ReferenceBackend, hand: HandInView, occluders: Float[Tensor, "T 3 3"], position: Float[Tensor, "R 3"]
 ) -> PointShadows:
-    """The shadows of the sky's cells at points and then at the probes, whatever light comes from there."""
+    """The shadows of the sky's cells at points and then at the surfels, whatever light comes from there."""
     views, of_cell = ShadowedSky.of(hand.light_quality.sky_directions, position.device)
     shadows = _distant_shadows(backend, hand, occluders, position, views)
     if len(views.distance) == SKY_DIRECTIONS:
@@ -216,7 +216,7 @@ def nearby_geometry_of(
     samples: LightSamples,
     light: Light,
 ) -> PatchIrradiance | None:
-    """What stands around a hand, and what it receives from a light; None: nothing does that would shed any.
+    """Nearby geometry, and what it receives from a light; None: nothing does that would shed any.
 
     Args:
         backend: computes the shadows.
@@ -248,10 +248,10 @@ def features_with_nearby(
     points: SurfacePoints,
     backend: ReferenceBackend,
 ) -> LightFeatures:
-    """What a light does at points, and what stands around with it: on them, and on the skin that sheds light on them.
+    """What a light does at points, and nearby geometry with it: on them, and on the skin that sheds light on them.
 
     Args:
-        around: what stands around, if anything does.
+        around: nearby geometry, if anything does.
         light: sampled.
         shadows: at the points.
         sky_visibility: shadows of the sky by the hand alone, as `sky_shadows` gives them.

@@ -198,7 +198,7 @@ def ray_positions(
 ) -> Float[Tensor, "R 3"]:
     """Where rays first meet the skin, world, m; rays that only meet the shell: the middle of their samples.
 
-    That is on the mesh, of which shadows are cast, but where a known surface shows another part, on that surface.
+    That is on the mesh, of which shadows are cast, but where an avatar's surface shows another part, on that surface.
 
     Args:
         hand: posed, in the rays' view.
@@ -207,7 +207,7 @@ def ray_positions(
         directions: of depth 1.
         t: depth of the samples, m; only the first is read.
         dt: their step, m.
-        hits: of the rays with a known surface; None: none is known.
+        hits: of the rays with an avatar's surface; None: none is known.
     """
     depth, middle = skin.depth[pixel], t[:, 0] + 0.5 * (t.shape[1] - 1) * dt
     if hits is not None:
@@ -232,7 +232,7 @@ def surface_points(
         position: as `ray_positions` gives them.
         view: unit, of the rays.
         hit_points: on the mesh.
-        hits: of the rays with a known surface; None: none is known.
+        hits: of the rays with an avatar's surface; None: none is known.
     """
     normal, relief_normal = (normalize(values, dim=-1) for values in field.normals(mean_features(gathered)))
     normal = normal.detach()
@@ -263,7 +263,7 @@ class LampShadowCasters(NamedTuple):
 
 
 class HitSurface(NamedTuple):
-    """A known surface, and where R rays meet it.
+    """An avatar's surface, and where R rays meet it.
 
     Attributes:
         mesh: posed.

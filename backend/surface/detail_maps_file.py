@@ -72,7 +72,7 @@ class SurfaceDetail:
         coarse: what lies between that and `WIDEST_MM`.
         nail: [N / 4, N / 4] 1 on nails, 0 on skin.
         roughness: [N / 4, N / 4] of the skin's gloss; Blender's, the square root of the microfacets' alpha.
-        unresolved: [2, N / 2, N / 2] slopes along u and v that the fine surface's normals lack, m a m
+        unresolved: [2, N / 2, N / 2] slopes along u and v that the detail surface's normals lack, m a m
             (`builtin/unresolved_slopes.py`).
         bend: which folds follow.
     """

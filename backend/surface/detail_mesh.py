@@ -1,4 +1,4 @@
-"""The fine surface of a known hand (`surface.detail_surface`), posed after the template's mesh, and what a view shows.
+"""The detail mesh of an avatar: subdivided and displaced, posed after the template's mesh, and what a view shows.
 
 It tells what the field's planes do not resolve and its mesh does not know: the normals of knuckles, tendons and veins
 that a pose raises, and the exact outline.
@@ -77,7 +77,7 @@ class SubdivisionLevel(NamedTuple):
 
 
 class DetailTemplate(NamedTuple):
-    """What all poses of a fine surface share: N vertices, M faces.
+    """What all poses of a detail surface share: N vertices, M faces.
 
     Attributes:
         skin: of the mesh that is subdivided.
@@ -181,7 +181,7 @@ class LevelsOfDetail(NamedTuple):
 
 
 class DetailMesh(NamedTuple):
-    """A fine surface in one pose.
+    """A detail surface in one pose.
 
     Attributes:
         vertices: [N, 3] m, world.
@@ -251,7 +251,7 @@ def detail_mesh(
 
 
 def on_surface(hand: HandInView, surface: DetailMesh, depth: Float[Tensor, " P"]) -> HandInView:
-    """The hand as rays of its field meet it: they end on the known surface, and the field follows what a pose raises.
+    """Return the hand as rays of its field meet it: they end on the avatar's surface, which the field follows.
 
     A field knows what is within its shell about the mesh, and a fist's knuckles stand out of that. Where the surface is
     far from the mesh, the mesh is moved onto it, and close to it stays: there the field has learnt how skin rises.

@@ -6,7 +6,7 @@ Heights lie along the normals of a surface finer than the template, which has no
 The template's faces are chords of a round surface, up to a millimetre below it, and know neither knuckles nor tendons.
 The generator knows where the surface is (`tools/builtin_hand/fine_offsets.py` writes the base's file). Vertices follow
 the posed template: Loop's subdivision of its vertices, moved by these offsets in their local frames. So sculpted and
-retargeted hands have a fine surface, too.
+retargeted hands have a detail surface, too.
 """
 
 from __future__ import annotations

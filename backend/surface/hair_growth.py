@@ -42,7 +42,7 @@ REGIONS = {
 
 
 class Hairs(NamedTuple):
-    """N hairs on the fine surface, in an order in which the first of them are as good a sample as all.
+    """N hairs on the detail surface, in an order in which the first of them are as good a sample as all.
 
     A hair is the curve root + t * rise + t^2 * bend, t from 0 to 1; both are in the axes of its face: two sides from
     its first corner, and its normal in metres. So they stand on the left hand's surface, whose vertices are the same.
@@ -67,7 +67,7 @@ class Hairs(NamedTuple):
 
 
 class HairGround(NamedTuple):
-    """The fine surface of the right hand at rest.
+    """The detail surface of the right hand at rest.
 
     Attributes:
         vertices, normals: [V, 3] template metres.

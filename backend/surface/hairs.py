@@ -1,4 +1,4 @@
-"""Hairs on a lit image: thin curves on the fine surface (`surface.hair_growth`), drawn over the skin in its light.
+"""Hairs on a lit image: thin curves on the detail surface (`surface.hair_growth`), drawn over the skin in its light.
 
 A hair is far thinner than a pixel: pixels take of it the area that it covers. It is lit as a fibre: as a diffuse
 cylinder (Kajiya and Kay 1989), whose surface mirrors a cone of light (the R lobe of Marschner et al. 2003, normalised

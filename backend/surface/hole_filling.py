@@ -1,4 +1,4 @@
-"""Rays that meet a known surface where the field is clear: they have the colours of the skin around.
+"""Rays that meet an avatar's surface where the field is clear: they have the colours of the skin around.
 
 There the surface stands out of the rays' shell, or parts of the hand are so near that a ray stops in neither. Their
 colours would be divided by next to nothing, and super-resolution would see a hole.

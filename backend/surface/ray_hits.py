@@ -1,4 +1,4 @@
-"""Where rays meet a known fine surface: light falls on its normals, and on the part of the hand that it shows."""
+"""Where rays meet an avatar's surface: light falls on its normals, and on the part of the hand that it shows."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class RayHits(NamedTuple):
     def is_of_other_part(self, depth: Float[Tensor, " R"], edge_m: Float[Tensor, ""]) -> Bool[Tensor, " R"]:
         """Whether a surface at this depth is another part of the hand than the one that the rays meet.
 
-        A mesh of few faces ends beside the fine surface, and there shows what lies behind or beside it.
+        A mesh of few faces ends beside the detail surface, and there shows what lies behind or beside it.
 
         Args:
             depth: m.

@@ -1,4 +1,4 @@
-"""A known skin on a lit image: outline and normals of its fine surface, with its detail (bump mapping, Blinn 1978).
+"""The avatar's surface on an image: outline and normals of its detail mesh, with its detail (bump mapping, Blinn 1978).
 
 The rays of a relightable field tell colour, normal and opacity at half the image's size and to the resolution of its
 planes and mesh. Where the surface itself is known (`detail_mesh`), it tells the full-size image's coverage and the
@@ -40,7 +40,7 @@ _TINY = 1e-12
 
 
 class DetailPixels(NamedTuple):
-    """What a known skin tells of a lit image of P pixels, K of which see it in their centre.
+    """What an avatar's surface tells of a lit image of P pixels, K of which see it in their centre.
 
     Attributes:
         coverage: [P] share of each pixel that shows the hand.
@@ -67,7 +67,7 @@ class DetailPixels(NamedTuple):
 def detailed_image(
     image: ShadingInputs, seen: PixelSurface, mesh: DetailMesh, camera: CameraTensors, maps: DetailMaps
 ) -> ShadingInputs:
-    """The image with the known skin.
+    """The image with the avatar's surface.
 
     Args:
         image: of the hand, at full size.

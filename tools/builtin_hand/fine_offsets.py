@@ -1,4 +1,4 @@
-"""Makes the file of the built-in hand's fine surface (`surface/detail_surface.py`) from the detailed surface.
+"""Makes the file of the built-in hand's detail surface (`surface/detail_surface.py`) from the detailed surface.
 
 python -m livehand.tools.builtin_hand.fine_offsets FOLDER
 """

@@ -30,7 +30,7 @@ _DORSAL = (0, 1.0, 0)  # template frame, right hand
 
 
 class _Skin(NamedTuple):
-    """The fine surface of the right hand at rest.
+    """The detail surface of the right hand at rest.
 
     Attributes:
         vertices, normals: [V, 3] template metres.

@@ -83,7 +83,7 @@ def indirect_diffuse(
 
 
 def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> AmbientOcclusion:
-    """The openness of points with these normals."""
+    """The ambient occlusion of points with these normals."""
     found = AmbientOcclusion(torch.empty(len(normal)), torch.empty(len(normal), 3))
     (towards, normals, share, mean), lit = as_arrays(sky.towards, normal.T, *found), whole_rows(shadows.lit)
     in_parallel(lambda first, last: fill_openness(towards, normals, lit, first, last, share, mean), len(normal))

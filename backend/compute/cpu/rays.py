@@ -1,7 +1,7 @@
 """Rays through the shell, by kernels: as `field.sampler.first_hit` and `field.surface_tracking`.
 
 One rasterisation of the shell a frame, from which all samples are placed; and a mesh before a camera, as
-`field.rays.project` and `geometry.rasterise.nearest_fronts`, which is worth its kernels where it is a fine surface.
+`field.rays.project` and `geometry.rasterise.nearest_fronts`, which is worth its kernels where it is a detail surface.
 """
 
 from __future__ import annotations

@@ -207,7 +207,7 @@ def blended(
 def detailed_image(
     image: ShadingInputs, seen: PixelSurface, mesh: DetailMesh, camera: CameraTensors, maps: DetailMaps
 ) -> ShadingInputs:
-    """The image with the known skin."""
+    """The image with the avatar's surface."""
     surface = PosedSurface(*as_arrays(mesh.vertices, mesh.normals, mesh.faces, mesh.corner_uv, mesh.flex))
     faces = VisibleFaces(*as_arrays(seen.face, seen.depth, seen.coverage, ray_origin(camera)))
     table = DetailTable(maps.table.numpy(), np.array([first for first, _ in maps.levels]), maps.resolution)

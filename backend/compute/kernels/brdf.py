@@ -188,7 +188,7 @@ def _column(sky, to_eye):
 
 @part
 def _mixed(lobes, row, below, at, over, half, value):
-    """A value of a round lobe, bilinear in the table."""
+    """A value of an isotropic lobe, bilinear in the table."""
     upper = (_1 - over) * lobes[row, at, half, value] + over * lobes[row, at + 1, half, value]
     lower = (_1 - over) * lobes[row + 1, at, half, value] + over * lobes[row + 1, at + 1, half, value]
     return (_1 - below) * upper + below * lower

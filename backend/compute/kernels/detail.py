@@ -50,7 +50,7 @@ class VisibleFaces(NamedTuple):
 
 
 class PosedSurface(NamedTuple):
-    """A posed fine surface: N vertices, M faces.
+    """A posed detail surface: N vertices, M faces.
 
     Attributes:
         vertices: [N, 3] m.

@@ -298,7 +298,7 @@ def _emitted(along, lamps, k):
 
 @compiled
 def bounce(position, normal, surfels, first, last, received):
-    """Fill what points [first, last) receive from probes (`SurfelArrays`)."""
+    """Fill what points [first, last) receive from surfels (`SurfelArrays`)."""
     factors = np.empty(surfels.emitted.shape[1], np.float32)
     for point in range(first, last):
         _fill_factors(position[point], normal[point], surfels, factors)
@@ -307,7 +307,7 @@ def bounce(position, normal, surfels, first, last, received):
 
 @part
 def _fill_factors(position, normal, surfels, factors):
-    """The form factors of a point and all probes; apart from their sums, so that this becomes vector instructions."""
+    """The form factors of a point and all surfels; apart from their sums, so that this becomes vector instructions."""
     x, y, z = position[0], position[1], position[2]
     nx, ny, nz = normal[0], normal[1], normal[2]
     for k in range(np.uintp(len(factors))):

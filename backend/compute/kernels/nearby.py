@@ -1,4 +1,4 @@
-"""Light of what stands around a hand, as `light.near_field_light.near_field_light`."""
+"""Light of nearby geometry, as `light.near_field_light.near_field_light`."""
 
 from __future__ import annotations
 

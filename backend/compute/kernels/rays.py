@@ -24,7 +24,7 @@ class ShellCrossings(NamedTuple):
         face: [P, L] their faces; a back face f is stored as -1 - f.
         counts: [P] number of crossings.
         inner: [P] depth of the deflated mesh's first front face, m; infinite where there is none.
-        known: [P] depth of a known surface, m; infinite where there is none.
+        known: [P] depth of an avatar's surface, m; infinite where there is none.
         before: as `field.sampler.BEFORE_M`, m.
         behind: as `field.sampler.BEHIND_M`, m.
         least_reach: as `field.sampler.LEAST_REACH_M`, m.
