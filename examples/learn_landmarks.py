@@ -163,11 +163,11 @@ def inputs_and_targets(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Features [N, 105]; [N, 63] where the joints are seen beside their landmarks, in the hand's view, and angles."""
     with np.load(path) as sights:
         focal_px = sights["focal_px"][:, None, None]
-        places, world = at_nodes((sights["px"] - np.array(SIZE_PX) / 2) / focal_px), at_nodes(sights["world"])
+        points, world = at_nodes((sights["px"] - np.array(SIZE_PX) / 2) / focal_px), at_nodes(sights["world"])
         joints, free = at_nodes(sights["joints"]), sights["free"]
-    view = CanonicalView.of(places)
-    off = view.shown(joints[..., :2] / joints[..., 2:]) - view.shown(places)
-    return view.features(places, world), np.concatenate([off.reshape(len(off), -1), free], 1)
+    view = CanonicalView.of(points)
+    off = view.shown(joints[..., :2] / joints[..., 2:]) - view.shown(points)
+    return view.features(points, world), np.concatenate([off.reshape(len(off), -1), free], 1)
 
 
 def train(paths: list[Path], held_out: int = 1000) -> None:
@@ -197,10 +197,10 @@ def train(paths: list[Path], held_out: int = 1000) -> None:
             with torch.no_grad():
                 off = (net(x[-held_out:]).chunk(2, -1)[0] - y[-held_out:]).numpy() * deviation
             net.train()
-            places, raw = (np.linalg.norm(part[:, :42].reshape(-1, 21, 2), axis=-1).mean() for part in (off, wanted))
+            points, raw = (np.linalg.norm(part[:, :42].reshape(-1, 21, 2), axis=-1).mean() for part in (off, wanted))
             angles = np.rad2deg(np.abs(off[:, 42:])).mean()
             print(
-                f"{step}: joints off by {places:.3f} of the hand's radius ({raw:.3f} before), angles {angles:.2f} deg"
+                f"{step}: joints off by {points:.3f} of the hand's radius ({raw:.3f} before), angles {angles:.2f} deg"
             )
     scale = np.concatenate([deviation, deviation])
     arrays = {"centre": centre, "spread": spread}

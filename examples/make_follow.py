@@ -91,10 +91,10 @@ def build_rig(target: bpy.types.Collection) -> bpy.types.Object:
     bones = rig.data.edit_bones
     hand = bones.new(BONE.format(""))
     hand.head, hand.tail = (0, 0, 0), (0, 0.05, 0)
-    for finger, places in chains().items():
+    for finger, points in chains().items():
         above = hand
-        ends = [*places[1:], places[-1] + Vector((0, 0.01, 0))]
-        for number, (head, tail) in enumerate(zip(places, ends, strict=True)):
+        ends = [*points[1:], points[-1] + Vector((0, 0.01, 0))]
+        for number, (head, tail) in enumerate(zip(points, ends, strict=True)):
             bone = bones.new(BONE.format(f"{finger}{number + 1}"))
             bone.head, bone.tail, bone.parent = head, tail, above
             above = bone

@@ -99,7 +99,7 @@ def picture_of(renderer: Renderer, pose: LibraryPose) -> np.ndarray:
     theta[0] = matrix_to_axis_angle(UPRIGHT)
     hand_pose = HandPose(theta, np.zeros(10), np.zeros(3))
     vertices = posed_vertices(renderer.hand, hand_pose)
-    camera = fitting_camera(vertices, TOWARDS_CAMERA[pose.seen_from], (PICTURE_PX, PICTURE_PX), FILLED)
+    camera = fitting_camera(vertices, TOWARDS_CAMERA[pose.view_from], (PICTURE_PX, PICTURE_PX), FILLED)
     picture = straight_srgb(renderer.render(Shot(hand_pose, vertices, camera)))
     return picture[..., :3] * picture[..., 3:] + GROUND * (1 - picture[..., 3:])
 

@@ -155,11 +155,11 @@ def rig(args: argparse.Namespace) -> None:
 def _around() -> list[Camera]:
     """Cameras around the hand, in turn level and above it; the first is the film's."""
     turns = np.deg2rad(np.arange(CAMERAS) * 360 / CAMERAS)
-    places = [[np.sin(turn), -np.cos(turn), 0.45 * (number % 2)] for number, turn in enumerate(turns)]
+    points = [[np.sin(turn), -np.cos(turn), 0.45 * (number % 2)] for number, turn in enumerate(turns)]
     up = np.array([0.0, 0, 1])
     return [
         replace(camera(), cam2world=look_at(DISTANCE_M * np.array(place) / np.linalg.norm(place), np.zeros(3), up))
-        for place in places
+        for place in points
     ]
 
 

@@ -30,9 +30,8 @@ from ..backend.motion.document import SUFFIXES as POSE_FILES
 from ..backend.records.errors import LiveHandError
 from ..backend.render.thumbnail_command import COMMAND as THUMBNAIL
 from ..backend.rigs.rig_suffixes import RIG_SUFFIXES
-from ..backend.system.command import Command, run_commands
+from ..backend.system.command import Command, blender_silenced, run_commands
 from ..backend.system.process_end import run_process
-from ..backend.system.stdout import blender_silenced
 from ..backend.tracking.fetch_command import COMMAND as FETCH_TRACKER
 from ..backend.training.command import COMMAND as TRAIN
 from .capture import command as capture

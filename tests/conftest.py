@@ -30,8 +30,8 @@ from livehand.backend.hand.topology import Skinning, topology_of
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.light import Lamp, Light, Sky
 from livehand.backend.records.shot import HandPose
-from livehand.backend.surface.fine_mesh import FineTemplate, fine_mesh
-from livehand.backend.surface.fine_surface import load_fine_surface
+from livehand.backend.surface.detail_mesh import DetailTemplate, detail_mesh
+from livehand.backend.surface.detail_surface import load_detail_surface
 from livehand.backend.system.process_end import end_process
 from livehand.tools.builtin_hand import TEMPLATE
 from PIL import Image
@@ -128,25 +128,25 @@ def posed_hands(hand):
 
 @pytest.fixture(scope="session")
 def fine_hand(hand):
-    """A function (gesture or library pose, side="right") -> `FineMesh` of the built-in hand, without veins."""
-    surface = load_fine_surface(hand.sha256)
+    """A function (gesture or library pose, side="right") -> `DetailMesh` of the built-in hand, without veins."""
+    surface = load_detail_surface(hand.sha256)
 
     @cache
     def pose(gesture, side="right"):
         angles = (GESTURES.get(gesture) or POSES[gesture].gesture).angles_deg()
         theta = theta_of(angles, FingerAxes.of_default_hand(), np.array([0.2, -0.1, 0.3]))
         of_side = theta if side == "right" else theta * MIRROR_AXIS_ANGLE
-        template = FineTemplate.of(surface, hand.for_side(side))
+        template = DetailTemplate.of(surface, hand.for_side(side))
         motion = skin_motion(template.skin, HandPose(of_side, np.zeros(10), np.zeros(3), side))
         height_m = torch.as_tensor(1e-3 * surface.raised.height_mm(theta, 0.0), dtype=torch.float32)
         flex = torch.rand(len(motion.rest), generator=torch.Generator().manual_seed(0))
-        return fine_mesh(template, motion, height_m, flex, torch.tensor(1.0))
+        return detail_mesh(template, motion, height_m, flex, torch.tensor(1.0))
 
     return pose
 
 
 @pytest.fixture(scope="session")
-def seen_from():
+def view_from():
     """A function (mesh, direction, size_px, ...) -> view that holds the mesh's middle in its own."""
 
     def view(mesh, direction, size_px=(48, 44), distance=0.6, field_m=0.25):
@@ -164,9 +164,9 @@ def seen_from():
 def spheres():
     """A function (*(centre, radius), subdivisions=4) -> posed mesh and topology of spheres, m."""
 
-    def mesh_of(*places, subdivisions=4):
+    def mesh_of(*points, subdivisions=4):
         ball = trimesh.creation.icosphere
-        whole = trimesh.util.concatenate([ball(subdivisions, r).apply_translation(centre) for centre, r in places])
+        whole = trimesh.util.concatenate([ball(subdivisions, r).apply_translation(centre) for centre, r in points])
         vertices = torch.as_tensor(np.asarray(whole.vertices), dtype=torch.float32)
         faces = torch.as_tensor(np.asarray(whole.faces))
         edges = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

@@ -200,17 +200,17 @@ def test_every_folder_has_a_row_and_every_row_its_folders():
 def test_systems_are_told_apart_in_one_room():
     asking = {name for name, path in modules(ROOT).items() if ASKS_THE_SYSTEM.search(path.read_text(encoding="utf-8"))}
     assert {name for name in asking if not name.startswith(SYSTEM_ROOM)} == SYSTEM_MODULES
-    assert {f"{SYSTEM_ROOM}.{name}" for name in ("atomic_file", "process_identity", "signals")} <= asking
+    assert {f"{SYSTEM_ROOM}.{name}" for name in ("files", "processes")} <= asking
 
 
 @pytest.mark.slow
 def test_no_class_name_exists_twice():
-    places = {}
+    points = {}
     for name, path in modules(ROOT).items():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ClassDef):
-                places.setdefault(node.name, []).append(name)
-    assert {name: where for name, where in places.items() if len(where) > 1} == {}
+                points.setdefault(node.name, []).append(name)
+    assert {name: where for name, where in points.items() if len(where) > 1} == {}
 
 
 def plant(root, files):

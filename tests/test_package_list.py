@@ -5,7 +5,7 @@ import tomllib
 from importlib import metadata
 from pathlib import Path
 
-from livehand.backend.system.dependencies import REQUIREMENTS
+from livehand.backend.system.packages import REQUIREMENTS
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent

@@ -11,11 +11,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from ..field.bone_fields import BonesField
+from ..field.ablations import BonesField, XyzField
 from ..field.field import BakedField, FieldConfig, MlpField, PaperField, PlaneField
-from ..field.relightable import LitField
+from ..field.relightable import RelightableField
 from ..field.sampler import SamplerConfig
-from ..field.xyz_field import XyzField
 from ..image.superres import SuperResConfig, build_superres
 from ..records.light import Sky
 from ..surface.stored_surface import StoredSurface
@@ -79,7 +78,7 @@ def build_field(config: FieldConfig) -> MlpField | PlaneField:
     kinds: dict[str, Callable[[bool], MlpField]] = {"paper": PaperField, "xyz": XyzField, "bones": BonesField}
     if config.kind in kinds:
         return kinds[config.kind](config.pose)
-    return LitField(config) if config.light == "linear" else BakedField(config)
+    return RelightableField(config) if config.light == "linear" else BakedField(config)
 
 
 def new_avatar(name: str, hand_name: str, hand_sha256: str, config: AvatarConfig, seed: int = 0) -> Avatar:

@@ -43,11 +43,11 @@ def surface_of_provenance(capture: Any, hand_sha256: str) -> StoredSurface | Non
     if not isinstance(capture, dict) or capture.get("made_by") != "livehand capture" or "look_sha256" in capture:
         return None
     plan = capture.get("plan")
-    told = plan.get("person") if isinstance(plan, dict) else None
-    if not isinstance(told, dict) or not told.keys() >= _NUMBERS:
+    reported = plan.get("person") if isinstance(plan, dict) else None
+    if not isinstance(reported, dict) or not reported.keys() >= _NUMBERS:
         return None
     try:
-        person = person_of(told, "provenance")
+        person = person_of(reported, "provenance")
     except LiveHandError:
         return None
     return surface_of_person(person, hand_sha256)

@@ -25,9 +25,8 @@ from ..image.superres import SuperResConfig, build_superres
 from ..records.errors import LiveHandError
 from ..records.light import Sky
 from ..surface.stored_surface import StoredSurface
-from ..system.atomic_file import replacing
-from ..system.json_file import parse_json
-from ..system.regular_file import MIB, check_regular, is_file
+from ..system.files import MIB, check_regular, is_file, replacing
+from ..system.readers import parse_json
 from .avatar import Avatar, AvatarConfig, build_field
 from .captured_surface import surface_of_provenance
 from .library import shipped_avatar_path

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..records.errors import LiveHandError
-from ..system.json_file import parse_json
-from ..system.regular_file import check_regular
+from ..system.files import check_regular
+from ..system.readers import parse_json
 
 HEADER_KEY = "livehand"
 """The entry of the file's metadata that holds the header, in JSON."""

@@ -17,9 +17,6 @@ from ..records.errors import LiveHandError
 SCALE = ".scale"
 """After the name of a table in whole steps: what one is worth, for each channel."""
 _TABLE, _STEPS = ".table", 127
-_SCALE_BITS = (
-    12  # of the mantissa: products with whole steps are exact, so that a file that is read is written as it was
-)
 
 
 def stored_weights(weights: dict[str, Tensor], has_byte_planes: bool) -> dict[str, Tensor]:
@@ -60,6 +57,5 @@ def whole_weights(tensors: dict[str, Tensor], path: Path) -> dict[str, Tensor]:
 
 
 def _scale(table: Float[Tensor, "T C"]) -> Float[Tensor, " C"]:
-    mantissa, exponent = torch.frexp(table.float().abs().amax(0) / _STEPS)
-    scale = torch.ldexp((mantissa * 2**_SCALE_BITS).ceil() / 2**_SCALE_BITS, exponent)
-    return torch.where(scale == 0, torch.ones_like(scale), scale)
+    largest = table.float().abs().amax(0)
+    return torch.where(largest == 0, torch.ones_like(largest), largest / _STEPS)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..records.errors import LiveHandError
-from ..system.json_file import read_json
+from ..system.readers import read_json
 
 _MOST_BYTES = 1 << 24
 

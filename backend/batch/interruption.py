@@ -6,7 +6,7 @@ import signal
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from ..system.signals import on_stop_signals
+from ..system.processes import on_stop_signals
 
 
 class Interruption:

@@ -88,13 +88,13 @@ def others_message(differences: Iterable[Iterable[str]]) -> str | None:
     if not differing:
         return None
     counts = {kind: sum(key in keys for keys in differing) for key, kind in _KINDS.items()}
-    told = [(count, kind) for kind, count in counts.items() if count]
+    reported = [(count, kind) for kind, count in counts.items() if count]
     count = len(differing)
     text = f"{count} {'frame is' if count == 1 else 'frames are'} of "
-    if len(told) == 1:
-        text += told[0][1]
+    if len(reported) == 1:
+        text += reported[0][1]
     else:
-        text += f"another version ({', '.join(f'{count} of {kind}' for count, kind in told)})"
+        text += f"another version ({', '.join(f'{count} of {kind}' for count, kind in reported)})"
     return f"{text}; --overwrite renders {'it' if count == 1 else 'them'} again, another folder keeps both"
 
 

@@ -19,7 +19,7 @@ from queue import SimpleQueue
 
 from ..records.errors import LiveHandError
 from ..system.command import FAILED, INTERRUPTED, OK
-from ..system.signals import ask_this_process_to_stop
+from ..system.processes import ask_this_process_to_stop
 from .progress import Failed, FrameProgress, ShotOpened, from_record
 from .report import RunReport
 

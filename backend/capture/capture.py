@@ -27,10 +27,8 @@ from ..records.errors import LiveHandError
 from ..records.light import Light
 from ..records.shot import HandPose
 from ..records.side import Side
-from ..system.atomic_file import replacing
-from ..system.inner_path import inner_path
-from ..system.json_file import read_json
-from ..system.npz_file import npz_bytes, read_npz
+from ..system.files import inner_path, replacing
+from ..system.readers import npz_bytes, read_json, read_npz
 from .lights import CaptureLight, light_entry, read_light, write_skies
 from .picture import ALPHA_MODES, no_alpha, read_linear_picture, read_mask, read_picture, srgb_to_linear, straight
 
@@ -223,14 +221,16 @@ def index_document(capture: Capture) -> str:
 
 
 def _surface_of(document: dict, folder: Path) -> SurfaceReference | None:
-    told = document.get("surface")
-    if told is None:
+    reported = document.get("surface")
+    if reported is None:
         return None
-    if not isinstance(told, dict) or not all(isinstance(told.get(key), str) for key in SurfaceReference._fields):
+    if not isinstance(reported, dict) or not all(
+        isinstance(reported.get(key), str) for key in SurfaceReference._fields
+    ):
         raise LiveHandError(
-            f"{folder / 'transforms.json'}: surface must have a file and its sha256, got {str(told)[:80]}"
+            f"{folder / 'transforms.json'}: surface must have a file and its sha256, got {str(reported)[:80]}"
         )
-    return SurfaceReference(told["file"], told["sha256"])
+    return SurfaceReference(reported["file"], reported["sha256"])
 
 
 def _view_entry(view: CaptureView) -> dict:

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..records.errors import LiveHandError
-from ..system.atomic_file import replacing
-from ..system.regular_file import MIB, read_regular
+from ..system.files import MIB, read_regular, replacing
 
 _MAGIC = 20000630
 _VERSION, _TILED, _DEEP, _PARTS = 2, 0x200, 0x800, 0x1000

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..records.errors import LiveHandError
-from ..system.json_file import read_json
+from ..system.readers import read_json
 
 _BETAS = 10
 _RANGES = {

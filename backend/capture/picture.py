@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..records.errors import LiveHandError
-from ..system.picture_file import opened_picture
+from ..system.readers import opened_picture
 from .exr import read_exr, read_exr_header
 
 ALPHA_MODES = ("RGBA", "LA")

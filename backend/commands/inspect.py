@@ -11,9 +11,8 @@ import numpy as np
 
 from ..records.errors import LiveHandError
 from ..system.command import Command
-from ..system.json_file import parse_json
-from ..system.npz_file import read_npz
-from ..system.regular_file import is_file, is_folder
+from ..system.files import is_file, is_folder
+from ..system.readers import parse_json, read_npz
 
 if TYPE_CHECKING:
     from ..surface.stored_surface import StoredSurface

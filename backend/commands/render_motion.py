@@ -29,8 +29,8 @@ from ..motion.spaces import rest_wrists, to_blender, transformed
 from ..records.errors import LiveHandError
 from ..records.shot import Shot
 from ..records.side import SIDES
-from ..system.atomic_file import replacing
 from ..system.command import parse_size_px, warn
+from ..system.files import replacing
 
 if TYPE_CHECKING:
     from ..records.frame import Frame

@@ -5,7 +5,7 @@ from __future__ import annotations
 from jaxtyping import Float
 from torch import Tensor
 
-from ..light.shadow_maps import LightViews, PointShadows, ShadowScene
+from ..light.shadow_maps import PointShadows, ShadowScene, ShadowViews
 from .reference import ReferenceBackend
 
 
@@ -15,12 +15,12 @@ class CudaBackend(ReferenceBackend):
     def __init__(self, cpu: ReferenceBackend) -> None:
         self._cpu = cpu
 
-    def look_up(self, scene: ShadowScene, places: Float[Tensor, "P 3"]) -> PointShadows:
+    def look_up(self, scene: ShadowScene, hit_points: Float[Tensor, "P 3"]) -> PointShadows:
         """As the CPU's, of what lies on any device."""
         here = scene._replace(
-            views=LightViews(*(values.cpu() for values in scene.views)),
+            views=ShadowViews(*(values.cpu() for values in scene.views)),
             vertices=scene.vertices.cpu(),
             faces=scene.faces.cpu(),
             others=scene.others.cpu(),
         )
-        return PointShadows(*(values.to(places.device) for values in self._cpu.look_up(here, places.cpu())))
+        return PointShadows(*(values.to(hit_points.device) for values in self._cpu.look_up(here, hit_points.cpu())))

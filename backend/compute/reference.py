@@ -13,34 +13,34 @@ from torch import Tensor
 from ..field.conditions import FrameConditions
 from ..field.field import MlpField, PlaneField
 from ..field.rays import CameraTensors, HandInView, RenderedRays, SurfaceRays, split_rays, view_directions
-from ..field.relightable import LitField
+from ..field.relightable import RelightableField
 from ..field.sampler import SamplerConfig, first_hit
 from ..field.shade import shade
-from ..field.trace import trace
+from ..field.surface_tracking import trace
 from ..field.volume import Composite
 from ..geometry.local_rotation import local_rotations
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.lbs import skin_motion
-from ..image.relighting import (
-    LitImage,
-    SkinDepth,
-    lit_image,
+from ..image.edge_avoiding_filter import edge_avoiding_mean
+from ..image.shading import (
+    ShadingInputs,
+    SurfaceDepth,
     normals_at_steps,
-    relit,
+    shade_image,
+    shading_inputs,
     shares_of_rays,
     smooth_enlarged_rays,
 )
-from ..image.surface_means import surface_means
-from ..light.bounce import SkinPlaces, bounced
-from ..light.lighting import Openness, SurfacePoints, light_features, openness
-from ..light.shadow_maps import Bounds, LightViews, PointShadows, look_up_reference, point_shadows
-from ..light.surrounding_light import near_light
+from ..light.indirect_diffuse import MeshPoints, indirect_diffuse
+from ..light.lighting import AmbientOcclusion, SurfacePoints, ambient_occlusion, light_features
+from ..light.near_field_light import near_field_light
+from ..light.shadow_maps import Bounds, PointShadows, ShadowViews, look_up_reference, point_shadows
 from ..light.visibility import lit_share_reference, visibility_transfer
 from ..records.render_hooks import RenderHooks
-from ..surface.fine_mesh import fine_mesh, seen_surface
-from ..surface.part_edges import blended
+from ..surface.detail_mesh import detail_mesh, visible_surface
+from ..surface.edge_antialiasing import blended
 from ..surface.ray_hits import ray_hits
-from ..surface.skin_detail import detailed_image
+from ..surface.shading_detail import detailed_image
 from .precision import Precision, autocast, decoder_in_precision, in_precision
 
 RayRenderer = Callable[[HandInView, FrameConditions, RenderHooks], RenderedRays]
@@ -69,22 +69,22 @@ class ReferenceBackend:
 
     lit_share = staticmethod(lit_share_reference)
     look_up = staticmethod(look_up_reference)
-    openness = staticmethod(openness)
+    ambient_occlusion = staticmethod(ambient_occlusion)
     light_features = staticmethod(light_features)
-    skin_places = staticmethod(SkinPlaces.of)
-    bounced = staticmethod(bounced)
-    near_light = staticmethod(near_light)
+    mesh_points = staticmethod(MeshPoints.of)
+    indirect_diffuse = staticmethod(indirect_diffuse)
+    near_field_light = staticmethod(near_field_light)
 
     superres = staticmethod(in_precision)
     smooth_enlarged_rays = staticmethod(smooth_enlarged_rays)
     shares_of_rays = staticmethod(shares_of_rays)
     normals_at_steps = staticmethod(normals_at_steps)
     view_directions = staticmethod(view_directions)
-    surface_means = staticmethod(surface_means)
-    relit = staticmethod(relit)
+    edge_avoiding_mean = staticmethod(edge_avoiding_mean)
+    shade_image = staticmethod(shade_image)
 
-    fine_mesh = staticmethod(fine_mesh)
-    seen_surface = staticmethod(seen_surface)
+    detail_mesh = staticmethod(detail_mesh)
+    visible_surface = staticmethod(visible_surface)
     ray_hits = staticmethod(ray_hits)
     detailed_image = staticmethod(detailed_image)
     blended = staticmethod(blended)
@@ -103,7 +103,7 @@ class ReferenceBackend:
         mesh: PosedMesh,
         faces: Int[Tensor, "F 3"],
         occluders: Float[Tensor, "T 3 3"],
-        views: LightViews,
+        views: ShadowViews,
         points: Float[Tensor, "P 3"],
         map_px: int,
         bounds: Bounds | None = None,
@@ -124,23 +124,23 @@ class ReferenceBackend:
 
     @staticmethod
     def decoder_inputs(
-        field: LitField, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness
+        field: RelightableField, gathered: Composite, view: Float[Tensor, "R 3"], occlusion: AmbientOcclusion
     ) -> Float[Tensor, "R C"]:
-        """As `LitField.decoder_inputs`."""
-        return field.decoder_inputs(gathered, view, open_to)
+        """As `RelightableField.decoder_inputs`."""
+        return field.decoder_inputs(gathered, view, occlusion)
 
-    def lit_image(
+    def shading_inputs(
         self,
         superres: Callable[[Tensor], Tensor],
         low: Composite,
         points: SurfacePoints,
         pixel: Int[Tensor, " R"],
         camera: CameraTensors,
-        skin: SkinDepth,
-    ) -> LitImage:
-        """As `image.relighting.lit_image`, by `smooth_enlarged_rays` and what follows it above."""
+        skin: SurfaceDepth,
+    ) -> ShadingInputs:
+        """As `image.shading.shading_inputs`, by `smooth_enlarged_rays` and what follows it above."""
         parts = self.smooth_enlarged_rays, self.shares_of_rays, self.normals_at_steps, self.view_directions
-        return lit_image(superres, low, points, pixel, camera, skin, *parts)
+        return shading_inputs(superres, low, points, pixel, camera, skin, *parts)
 
     def ray_renderer(self, field: MlpField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
         """A renderer of this field; weights must not change while it is used, nor a decoder's or super-resolution's."""

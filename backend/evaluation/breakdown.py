@@ -22,7 +22,7 @@ from torch import Tensor
 
 from .metrics import psnr_db
 from .neighbourhood import distance_px, masked_blur
-from .seen_surface import SeenSurface
+from .visible_surface import VisibleSurface
 
 _REFERENCE_PIXELS = 334 * 512
 _BAND_PX, _SHADING_SIGMA_PX, _FILL_SIGMA_PX = 3.0, 8.0, 3.0
@@ -61,7 +61,7 @@ class Breakdown(NamedTuple):
     psnr_true_alpha: float
 
 
-def error_breakdown(image: Float[Tensor, "H W 4"], truth: Float[Tensor, "H W 4"], surface: SeenSurface) -> Breakdown:
+def error_breakdown(image: Float[Tensor, "H W 4"], truth: Float[Tensor, "H W 4"], surface: VisibleSurface) -> Breakdown:
     """Break down one image's error by region; images hold encoded colour times alpha, and alpha."""
     regions = regions_of(image[..., 3], truth[..., 3], surface)
     difference = (image - truth)[..., :3]
@@ -78,16 +78,16 @@ def error_breakdown(image: Float[Tensor, "H W 4"], truth: Float[Tensor, "H W 4"]
     )
 
 
-def regions_of(alpha: Float[Tensor, "H W"], true_alpha: Float[Tensor, "H W"], surface: SeenSurface) -> ErrorRegions:
+def regions_of(alpha: Float[Tensor, "H W"], true_alpha: Float[Tensor, "H W"], surface: VisibleSurface) -> ErrorRegions:
     """Divide an image whose alpha is `alpha` into regions."""
     hand, band_px = true_alpha > 0.5, _scaled(_BAND_PX, true_alpha)
     silhouette = ~hand | (alpha <= 0.5) | _near(_outline(hand), band_px)
     occlusion = ~silhouette & _near(depth_steps(surface), band_px)
-    contact = ~silhouette & ~occlusion & (surface.openness < _CONTACT_OPENNESS)
+    contact = ~silhouette & ~occlusion & (surface.ambient_occlusion < _CONTACT_OPENNESS)
     return ErrorRegions(silhouette, occlusion, contact, ~silhouette & ~occlusion & ~contact)
 
 
-def depth_steps(surface: SeenSurface) -> Bool[Tensor, "H W"]:
+def depth_steps(surface: VisibleSurface) -> Bool[Tensor, "H W"]:
     """Mark both pixels of every neighbouring pair whose depths on the mesh differ clearly."""
     depth, is_mesh = surface.depth, surface.depth.isfinite()
     far_enough = torch.maximum(_STEP_M * surface.scale, _STEP_FOOTPRINTS * surface.footprint)

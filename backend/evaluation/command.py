@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..capture.capture import Capture, CaptureView
     from .distances import Distance
     from .evaluate import ViewScore
-    from .summary import Summary
+    from .report import Summary
 
 _SHEET_VIEWS = 24
 _SEVERAL = ("held_out", "all")  # names of several splits together
@@ -87,9 +87,8 @@ def _run(args: argparse.Namespace) -> dict:
     from ..hand.model_file import DEFAULT_HAND, load_hand_model
     from ..render.renderer import Renderer
     from .evaluate import check_any, scored_views
-    from .report import summary_tables
+    from .report import by_light, by_split, summary, summary_tables
     from .sheets import SheetViews
-    from .summary import by_light, by_split, summary
 
     avatar = load_avatar(args.avatar)
     hand = load_hand_model(args.hand or DEFAULT_HAND)

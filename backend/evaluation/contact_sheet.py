@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from ..system.atomic_file import replacing
+from ..system.files import replacing
 
 BACKGROUND = 0.08
 ERROR_GAIN = 4.0

@@ -15,9 +15,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from ..image.srgb import srgb_to_linear
-from .cie_lab import lightness
 from .neighbourhood import distance_px, masked_blur
-from .seen_surface import SeenSurface
+from .skin_colours import lightness
+from .visible_surface import VisibleSurface
 
 BANDS_MM = ((1, 2), (2, 4), (4, 8), (8, 16))
 MARGIN_MM = 1.0
@@ -37,7 +37,7 @@ def band_key(band_mm: tuple[int, int]) -> str:
 CONTRAST_KEYS = (*map(band_key, BANDS_MM), SPAN)
 
 
-def contrast_figures(image: np.ndarray, truth: np.ndarray, surface: SeenSurface) -> dict[str, float]:
+def contrast_figures(image: np.ndarray, truth: np.ndarray, surface: VisibleSurface) -> dict[str, float]:
     """Measure `contrast` of an image [H, W, 4] and, with other keys, of the truth, both inside the truth's outline.
 
     Both hold encoded colour times alpha, and alpha. A pixel's size is the hand's median.

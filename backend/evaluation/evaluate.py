@@ -19,10 +19,8 @@ from ..records.shot import Shot
 from .contrast_bands import contrast_figures
 from .distances import Distance
 from .exposure import exposed, exposure_gain, is_reached
-from .figures import view_figures
-from .posed_hands import PosedHands
+from .figures import PosedHands, train_view_angles_deg, view_figures
 from .shot_renderer import ShotRenderer
-from .train_view_angle import train_view_angles_deg
 
 
 @dataclass(frozen=True)
@@ -88,7 +86,7 @@ def scored_views(
         )
         if _shows_the_hand(truth, shot):
             truth, image = rendered_pair(renderer, shot, truth, capture.is_lit)
-            surface = hands.seen_by(view)
+            surface = hands.visible_to(view)
             figures = view_figures(image, truth, surface, distances)
             if with_contrast:
                 figures |= contrast_figures(image, truth, surface)
@@ -144,4 +142,4 @@ def encoded_on_black(frame: Frame) -> np.ndarray:
 
 def _kept(light: Light | None) -> Light | None:
     """Return the light as frames that are kept show it."""
-    return None if light is None else replace(light, penumbra="fine")
+    return None if light is None else replace(light, shadow_quality="fine")

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from ..image.srgb import linear_to_srgb
-from ..light.light_samples import LightSamples
+from ..light.samples import LightSamples
 from ..light.shadow_maps import Bounds
 from ..records.light import Light
 

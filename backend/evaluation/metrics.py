@@ -115,8 +115,8 @@ def mask_box(mask: Bool[Tensor, "H W"], margin_px: int) -> tuple[slice, slice] |
         return None
     sides = []
     for axis, limit in ((1, mask.shape[0]), (0, mask.shape[1])):
-        places = mask.any(axis).nonzero()
-        sides.append(slice(max(int(places[0]) - margin_px, 0), min(int(places[-1]) + 1 + margin_px, limit)))
+        points = mask.any(axis).nonzero()
+        sides.append(slice(max(int(points[0]) - margin_px, 0), min(int(points[-1]) + 1 + margin_px, limit)))
     return sides[0], sides[1]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..records.errors import LiveHandError
 from ..system.command import Command, parse_count
-from ..system.picture_file import opened_picture
+from ..system.readers import opened_picture
 from .contact_sheet import on_background, save_sheet, tile
 
 SHEET_NAME = "contact_sheet.png"

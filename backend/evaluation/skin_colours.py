@@ -1,4 +1,4 @@
-"""Colours of skin by place on the hand, in CIE Lab (D65), and the ranges that are usual for light and for deep skin.
+"""CIE Lab (1976) under D65 of linear Rec. 709: lightness L* from 0 to 100, a* and b* (CIE 15).
 
 Ranges were measured on published photographs and on textures made of photographs, eleven skins in all; only the figures
 are here.
@@ -10,6 +10,31 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+_RGB_TO_XYZ = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
+_LINEAR_BELOW = 6 / 29
+
+
+def lab(rgb_linear: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    """Convert to L*, a* and b*."""
+    matrix = rgb_linear.new_tensor(_RGB_TO_XYZ)
+    x, y, z = _curve(rgb_linear @ (matrix / matrix.sum(1, keepdim=True)).T).unbind(-1)
+    return torch.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], -1)
+
+
+def lightness(rgb_linear: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
+    """Convert to L* alone."""
+    return 116 * _curve(rgb_linear @ rgb_linear.new_tensor(_RGB_TO_XYZ[1])) - 16
+
+
+def _curve(share: Float[Tensor, "*any"]) -> Float[Tensor, "*any"]:
+    """Take the cube root of a share of white's X, Y or Z; of dark ones, its tangent."""
+    root = share.clamp(min=_LINEAR_BELOW**3) ** (1 / 3)
+    return torch.where(share > _LINEAR_BELOW**3, root, share / (3 * _LINEAR_BELOW**2) + 4 / 29)
+
 
 BACK = "back"
 """The place that others are compared with."""
@@ -48,20 +73,20 @@ DEEP_SKIN = {
 }
 
 
-def colour_findings(places: Mapping[str, np.ndarray]) -> list[str]:
+def colour_findings(points: Mapping[str, np.ndarray]) -> list[str]:
     """Find what is unusual in the colours of places (Lab [3]); the back's lightness chooses the table.
 
     Of a hand whose back is not known, nothing is.
     """
-    if BACK not in places:
+    if BACK not in points:
         return []
-    back = places[BACK]
+    back = points[BACK]
     ranges = DEEP_SKIN if back[0] < _LIGHTEST_DEEP_L else LIGHT_SKIN
     found = []
     for place, usual in ranges.items():
-        if place not in places:
+        if place not in points:
             continue
-        relative = places[place] - (0 if place == BACK else back)
+        relative = points[place] - (0 if place == BACK else back)
         than = "" if place == BACK else " from the back's"
         found += [
             f"{place}: {name} {value:.1f}{than}, usual {low:g} to {high:g}"

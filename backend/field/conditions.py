@@ -47,7 +47,7 @@ class FieldInputs(NamedTuple):
     view: Tensor
     theta: Tensor
     footprint_m: Tensor
-    place: SamplePlaces | None = None
+    place: SamplePoints | None = None
 
     @classmethod
     def of_paper(cls, uv: Tensor, height: Tensor, view: Tensor, theta: Tensor) -> FieldInputs:
@@ -56,7 +56,7 @@ class FieldInputs(NamedTuple):
         return cls(uv, height, none, none, none, none, view, theta, none)
 
 
-class SamplePlaces(NamedTuple):
+class SamplePoints(NamedTuple):
     """S samples in space.
 
     Attributes:

@@ -37,8 +37,8 @@ class FieldConfig:
 
     kind: Literal["paper", "planes", "xyz", "bones"] = "planes"
     """`paper`: positional encoding and a 4 x 128 MLP, 92,577 parameters. `planes`: learned feature planes. The paper's
-    ablations: `xyz`, an MLP of places in the world (`field.xyz_field`), and `bones`, one of places in each bone's frame
-    (`field.bone_fields`)."""
+    ablations: `xyz`, an MLP of places in the world (`field.ablations`), and `bones`, one of places in each bone's frame
+    (`field.ablations`)."""
     width: int = 192
     """Width of the decoder, which is queried once per ray."""
     density_width: int = 32

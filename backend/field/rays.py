@@ -15,7 +15,7 @@ from torch.nn.functional import normalize
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.uvh import SurfaceSamples
-from ..light.quality import FINAL, LightQuality
+from ..light.samples import FINAL, LightQuality
 from ..records.camera import Camera
 from .volume import Composite
 
@@ -46,15 +46,15 @@ class HandInView(NamedTuple):
         mesh: the mesh.
         topology: of the mesh.
         camera: sees it.
-        known_depth: [H * W] depth of its known surface at the pixels' centres, m, infinite where there is none; None:
-            none is known.
+        surface_depth: [H * W] depth of its avatar's surface at the pixels' centres, m, infinite beside it;
+            None: it has none.
         light_quality: of the light on it.
     """
 
     mesh: PosedMesh
     topology: Topology
     camera: CameraTensors
-    known_depth: Tensor | None = None
+    surface_depth: Tensor | None = None
     light_quality: LightQuality = FINAL
 
 

@@ -26,7 +26,7 @@ from ..geometry.rasterise import Fragments, NearestFronts, nearest_fronts, raste
 from .rays import CameraTensors, HandInView, project, ray_directions, ray_origin
 
 BEFORE_M, BEHIND_M = 0.0015, 0.0025
-"""How far before and behind a known surface its rays are sampled: depth, template metres."""
+"""How far before and behind an avatar's surface its rays are sampled: depth, template metres."""
 LEAST_REACH_M = 0.0003
 """Rays with less of the shell there are sampled along all of it: the surface lies outside."""
 SAMPLES_AT_SURFACE = 3
@@ -46,7 +46,7 @@ class SamplerConfig:
 
     def samples_along(self, hand: HandInView) -> int:
         """N of rays in this view: fewer where a surface is known."""
-        return self.samples_per_ray if hand.known_depth is None else self.at_surface.samples_per_ray
+        return self.samples_per_ray if hand.surface_depth is None else self.at_surface.samples_per_ray
 
     @property
     def at_surface(self) -> SamplerConfig:
@@ -63,7 +63,7 @@ class RaySamples(NamedTuple):
         t: [R, N] depth of each sample, m.
         dt: [R] depth step of each ray's samples, m (its intervals' total length / N).
         points: [R, N, 3] world, m.
-        is_stopped: [R] whether the ray ends opaque: at the deflated mesh, or behind a known surface.
+        is_stopped: [R] whether the ray ends opaque: at the deflated mesh, or behind an avatar's surface.
         entry_face: [R, L] faces whose inflated fronts the ray crosses, nearest first.
         is_open: [R, N, L] which of the crossings lie before each sample, in the sample's own interval.
     """
@@ -86,7 +86,7 @@ class Intervals(NamedTuple):
         start: [R, M] m.
         end: [R, M] m; an empty interval has end = start.
         since: [R, M] depth at which the ray enters the shell there, m: `start` may lie behind it.
-        is_stopped: [R] whether the ray ends opaque: at the deflated mesh, or behind a known surface.
+        is_stopped: [R] whether the ray ends opaque: at the deflated mesh, or behind an avatar's surface.
         entry: [R, L] depths of the inflated mesh's fronts, nearest first, infinite where there is none, m.
         entry_face: [R, L] the faces of those fronts.
     """
@@ -135,15 +135,15 @@ def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Genera
 
 def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
     """The intervals of every ray that meets the shell."""
-    mesh, topology, camera, known_depth = hand[:4]
+    mesh, topology, camera, surface_depth = hand[:4]
     shell = config.shell_m * mesh.scale * mesh.normals
     outer = _fragments_of(mesh.vertices + shell, topology, camera)
     inner = _fragments_of(mesh.vertices - shell, topology, camera)
     crossings = _by_ray(outer, config.max_layers)
     inside, pixel = _inside_intervals(crossings), crossings.pixel
     intervals = _stop_at(inside, nearest_fronts(inner, camera.size_px).depth[pixel])
-    if known_depth is not None:
-        intervals = _about(intervals, known_depth[pixel], mesh.scale)
+    if surface_depth is not None:
+        intervals = _about(intervals, surface_depth[pixel], mesh.scale)
     return _without_empty(intervals)
 
 

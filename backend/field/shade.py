@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ..geometry.bones import points_in_bones
 from ..geometry.uvh import interpolate
-from .conditions import FrameConditions, SamplePlaces, gather_field_inputs
+from .conditions import FrameConditions, SamplePoints, gather_field_inputs
 from .encoding import FeaturePlane, PlaneReader
 from .field import MlpField, PlaneField
 from .rays import HandInView, SurfaceRays, ray_origin
@@ -50,14 +50,14 @@ def shade(
     light = field.light_code(conditions.visibility)
     inputs = gather_field_inputs(rays.samples, hand.topology, conditions, light, view, footprint_m, shell_m)
     if isinstance(field, MlpField) and field.asks != "surface":
-        inputs = inputs._replace(place=_places(rays, hand, conditions, field.asks == "bones"))
+        inputs = inputs._replace(place=_points(rays, hand, conditions, field.asks == "bones"))
     return field(inputs, steps, read_plane)
 
 
-def _places(rays: SurfaceRays, hand: HandInView, conditions: FrameConditions, in_bones: bool) -> SamplePlaces:
+def _points(rays: SurfaceRays, hand: HandInView, conditions: FrameConditions, in_bones: bool) -> SamplePoints:
     """Where the samples lie in space."""
     points = (ray_origin(hand.camera) + rays.t[..., None] * rays.directions[:, None, :]).flatten(0, 1)
     if not in_bones or conditions.bones is None or conditions.bone_weights is None:
-        return SamplePlaces(points, points.new_zeros(len(points), 0, 3), points.new_zeros(len(points), 0))
+        return SamplePoints(points, points.new_zeros(len(points), 0, 3), points.new_zeros(len(points), 0))
     weights = interpolate(conditions.bone_weights, hand.topology, rays.samples)
-    return SamplePlaces(points, points_in_bones(points, conditions.bones) / hand.mesh.scale, weights)
+    return SamplePoints(points, points_in_bones(points, conditions.bones) / hand.mesh.scale, weights)

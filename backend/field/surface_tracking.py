@@ -19,6 +19,8 @@ from ..geometry.closest_point import closest_on_triangles
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.tolerances import MAX_STEPS
 from ..geometry.uvh import SurfaceSamples, signed_height
+from .rays import HandInView, SurfaceRays
+from .sampler import SamplerConfig, sample_rays
 
 
 def track(
@@ -86,3 +88,17 @@ def _deepest(found: SurfaceSamples, ray: Int[Tensor, " P"], rays: int) -> Surfac
     is_first = torch.ones_like(order, dtype=torch.bool)
     is_first[1:] = ray[order][1:] != ray[order][:-1]
     return SurfaceSamples(*(values[order[is_first]] for values in found))
+
+
+def trace(hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:
+    """Sample the rays that meet the shell and project the samples onto the surface.
+
+    Args:
+        hand: the posed hand and its camera.
+        config: of the sampler.
+        generator: jitters the samples within their strata; None puts them at the strata's centres.
+    """
+    rays, mesh = sample_rays(hand, config, generator), hand.mesh
+    samples = track(rays.points, rays.entry_face, rays.is_open, hand.topology, mesh)
+    samples = SurfaceSamples(samples.face, samples.barycentric, samples.height_m / mesh.scale)
+    return SurfaceRays(rays.pixel, rays.directions, rays.t, rays.dt, rays.is_stopped, samples)

@@ -64,11 +64,11 @@ def with_cap_chart(
             "the hand's atlas must have free space for the cap of its open wrist, got none; "
             "leave out vt and ft, so that a new atlas is made"
         )
-    places, faces = flat_cap(v_template, cap)
+    points, faces = flat_cap(v_template, cap)
     room = (size - 2 * _MARGIN) / _CELLS
-    scale = min(_mean_scale(vt, ft, v_template, f), room / places.max())
+    scale = min(_mean_scale(vt, ft, v_template, f), room / points.max())
     corner = (np.array([column, row]) + _MARGIN) / _CELLS
-    return np.concatenate([vt, corner + places * scale]), np.concatenate([ft, faces + len(vt)])
+    return np.concatenate([vt, corner + points * scale]), np.concatenate([ft, faces + len(vt)])
 
 
 def _mean_scale(vt: np.ndarray, ft: np.ndarray, v_template: np.ndarray, f: np.ndarray) -> float:

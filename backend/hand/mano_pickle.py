@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from ..records.errors import LiveHandError
+from ..system.files import MIB, read_regular
 from ..system.pickle_scan import scan_pickle
-from ..system.regular_file import MIB, read_regular
 from .pickled_arrays import Array, ArrayKind, Dtype, RestrictedUnpickler, Stub, require
 
 # The file also holds strings, which are ignored.

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..records.errors import LiveHandError
 from ..records.side import Side
-from ..system.npz_file import read_npz
-from ..system.regular_file import is_file
+from ..system.files import is_file
+from ..system.readers import read_npz
 from .atlas import unwrap, with_cap_chart
 from .cap import cap_faces, capped
 from .model import MIRROR_POINT, PARENTS, HandModel

@@ -25,20 +25,20 @@ class LibraryPose:
         gesture: the joint angles.
         description: one line for people.
         tags: search words.
-        seen_from: the side from which its preview is rendered.
+        view_from: the side from which its preview is rendered.
     """
 
     catalog: str
     gesture: Gesture
     description: str
     tags: tuple[str, ...] = ()
-    seen_from: View = "palm"
+    view_from: View = "palm"
 
 
 def _pose(
     catalog: str,
     description: str,
-    seen_from: View,
+    view_from: View,
     tags: tuple[str, ...],
     *angles: tuple[Degrees, ...],
 ) -> LibraryPose:
@@ -51,7 +51,7 @@ def _pose(
     bends = {finger: (bend[0], bend[1], bend[2]) for finger, bend in zip(_FINGERS, flexions, strict=True)}
     thumb = ((flexion, abduction, twist), (mcp, 0, 0), (ip, 0, 0))
     gesture = Gesture(bends, dict(zip(_FINGERS, abductions, strict=True)), thumb)
-    return LibraryPose(catalog, gesture, description, tags, seen_from)
+    return LibraryPose(catalog, gesture, description, tags, view_from)
 
 
 def _grasp(description: str, tags: tuple[str, ...], *angles: tuple[Degrees, ...]) -> LibraryPose:

@@ -16,13 +16,13 @@ from torch import Tensor, nn
 from torch.nn.functional import conv2d, interpolate, leaky_relu, pixel_shuffle
 
 from ..field.field import CHANNELS
-from ..light.lighting import COEFFICIENTS, LIT_FEATURES, SMOOTH
+from ..light.lighting import COEFFICIENTS, RELIGHTABLE_FEATURES, SMOOTH
 
 RGBA = 4
 _BINOMIAL = (1.0, 2.0, 1.0)
-LIT_MAPS = COEFFICIENTS + LIT_FEATURES + 3 + 1
-"""Maps that `LitSuperRes` takes: coefficients, features, relief normal in camera axes, alpha; all premultiplied."""
-LIT_DETAIL = COEFFICIENTS - SMOOTH + 3 + 1
+RELIGHTABLE_MAPS = COEFFICIENTS + RELIGHTABLE_FEATURES + 3 + 1
+"""Maps that `RelightableSuperRes` takes, premultiplied: coefficients, features, relief normal in camera axes, alpha."""
+RELIGHTABLE_DETAIL = COEFFICIENTS - SMOOTH + 3 + 1
 """Channels that it returns: coefficients but the smooth ones, normal in camera axes, alpha."""
 
 
@@ -53,8 +53,8 @@ def build_superres(config: SuperResConfig) -> nn.Module:
     """The network the configuration names, with fresh weights."""
     networks: dict[str, Callable[[SuperResConfig], nn.Module]] = {
         "paper": PaperSuperRes,
-        "light": LightSuperRes,
-        "lit": LitSuperRes,
+        "light": SmallSuperRes,
+        "lit": RelightableSuperRes,
         "bilinear": BilinearSuperRes,
         "none": NoSuperRes,
     }
@@ -126,7 +126,7 @@ class ResidualSuperRes(nn.Module):
         return even.flatten(0, 1), bias.mean(1, keepdim=True).expand_as(bias).flatten()
 
 
-class LightSuperRes(ResidualSuperRes):
+class SmallSuperRes(ResidualSuperRes):
     """Enlarges colour and alpha."""
 
     def __init__(self, config: SuperResConfig):
@@ -137,11 +137,11 @@ class LightSuperRes(ResidualSuperRes):
         return _graded(_sum(enlarge(_rgba(maps)), residual), self.config)
 
 
-class LitSuperRes(ResidualSuperRes):
-    """Detail of a relightable hand in no light; `image.relighting.detailed` adds it to the enlarged maps."""
+class RelightableSuperRes(ResidualSuperRes):
+    """Detail of a relightable hand in no light; `image.shading.detailed` adds it to the enlarged maps."""
 
     def __init__(self, config: SuperResConfig):
-        super().__init__(config, LIT_MAPS, LIT_DETAIL)
+        super().__init__(config, RELIGHTABLE_MAPS, RELIGHTABLE_DETAIL)
 
     def added(self, maps: Float[Tensor, "B 34 H W"], residual: Float[Tensor, "B 12 2*H 2*W"]) -> Tensor:
         """What is added to the straight coefficients after the first `SMOOTH`, to the normal and to alpha."""

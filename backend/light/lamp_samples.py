@@ -10,11 +10,11 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..records.light import Lamp, Penumbra
-from .shadow_maps import FAR, Bounds, LightViews
+from ..records.light import Lamp, ShadowQuality
+from .shadow_maps import FAR, Bounds, ShadowViews
 
 # Samples of a lamp by the angle under which the hand sees it: more where its shadows are softer, deg.
-_SAMPLES_FROM_DEG: dict[Penumbra, tuple[tuple[float, int], ...]] = {
+_SAMPLES_FROM_DEG: dict[ShadowQuality, tuple[tuple[float, int], ...]] = {
     "none": ((0.0, 1),),
     "coarse": ((25.0, 16), (8.0, 9), (1.5, 4), (0.0, 1)),
     "fine": ((20.0, 36), (8.0, 25), (3.0, 16), (1.0, 9), (0.0, 1)),
@@ -65,24 +65,26 @@ class LampSamples(NamedTuple):
         return (2 * self.radius_rad < HARD_RAD)[self.lamp]
 
     @classmethod
-    def of(cls, lamps: tuple[Lamp, ...], bounds: Bounds, penumbra: Penumbra = "coarse") -> LampSamples:
-        """The samples of lamps around a hand; `penumbra` as in `Light`."""
+    def of(cls, lamps: tuple[Lamp, ...], bounds: Bounds, shadow_quality: ShadowQuality = "coarse") -> LampSamples:
+        """The samples of lamps around a hand; `shadow_quality` as in `Light`."""
         centre, device = bounds.centre.cpu().double().numpy(), bounds.centre.device
         angles = [_angle_rad(lamp, centre) for lamp in lamps]
-        rows = [_rows_of(index, *one, centre, penumbra) for index, one in enumerate(zip(lamps, angles, strict=True))]
+        rows = [
+            _rows_of(index, *one, centre, shadow_quality) for index, one in enumerate(zip(lamps, angles, strict=True))
+        ]
         none = tuple(column[:0] for column in _rows_of(0, Lamp("sun", np.zeros(3)), 0.0, centre))
         columns = zip(*(rows or [none]), strict=True)
         tensors = [_tensor(np.concatenate(column), device) for column in columns]
         rgb = np.array([lamp.rgb for lamp in lamps]).reshape(-1, 3)
         return cls(*tensors, rgb=_tensor(rgb, device), radius_rad=_tensor(np.array(angles).reshape(-1) / 2, device))
 
-    def views(self, bounds: Bounds) -> LightViews:
+    def views(self, bounds: Bounds) -> ShadowViews:
         """Views for shadow maps."""
         offset = self.position - bounds.centre
         distance = offset.norm(dim=-1)
         towards = torch.where(self.is_sun[:, None], self.position, offset / distance.clamp(min=1e-6)[:, None])
         radii = (distance / bounds.radius).clamp(1e-3, FAR)
-        return LightViews.along(towards, torch.where(self.is_sun, torch.full_like(radii, FAR), radii))
+        return ShadowViews.along(towards, torch.where(self.is_sun, torch.full_like(radii, FAR), radii))
 
     def arriving(self, points: Float[Tensor, "P 3"]) -> tuple[Float[Tensor, "K P 3"], Float[Tensor, "K P"]]:
         """(unit directions towards the light, irradiance / pi of a surface that faces it for an rgb of 1)."""
@@ -106,10 +108,12 @@ class LampSamples(NamedTuple):
 
 
 def _rows_of(
-    index: int, lamp: Lamp, angle_rad: float, centre: np.ndarray, penumbra: Penumbra = "coarse"
+    index: int, lamp: Lamp, angle_rad: float, centre: np.ndarray, shadow_quality: ShadowQuality = "coarse"
 ) -> tuple[np.ndarray, ...]:
     """The columns of `LampSamples` for one lamp's samples."""
-    count = next(samples for least_deg, samples in _SAMPLES_FROM_DEG[penumbra] if np.rad2deg(angle_rad) >= least_deg)
+    count = next(
+        samples for least_deg, samples in _SAMPLES_FROM_DEG[shadow_quality] if np.rad2deg(angle_rad) >= least_deg
+    )
     positions = _positions(lamp, centre, count)
 
     def column(value: float) -> np.ndarray:

@@ -15,12 +15,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from .bounce import Probes, SkinPlaces, bounced_on_skin
-from .bump import bump_shadowing, leaving_share, mirroring_normal
-from .gloss import alphas, glossy, squared_alphas
+from .brdf import alphas, bump_shadowing, clamped_reflection_normal, ggx, horizon_occlusion, squared_alphas
+from .indirect_diffuse import MeshPoints, Surfels, indirect_diffuse_on_mesh
 from .lamp_samples import LampSamples
-from .light_samples import LightSamples
-from .mirrored_sky import MirroredSky
+from .prefiltered_environment import PrefilteredEnvironment
+from .samples import LightSamples
 from .shadow_maps import PointShadows
 from .sky_samples import SkySamples
 
@@ -42,18 +41,18 @@ _NEXT_TO_NOTHING, _MOST_ARRIVING = 0.02, 1.1
 _TINY = 1e-8
 
 
-class ProbeLight(NamedTuple):
-    """What P probes of a hand's skin (`light.bounce`) receive from a light whose sky has K directions, and L lamps.
+class SurfelIrradiance(NamedTuple):
+    """What P surfels (`light.indirect_diffuse`) receive from a light whose sky has K directions, and L lamps.
 
     Attributes:
-        probes: the skin.
+        surfels: the skin.
         albedo: [P, 3], or [3] of all.
         of_sky: [K, P] their diffuse light for a flux of 1 from each direction.
         of_lamps: [L, P] the same for each lamp's rgb.
-        besides: [P, 3] what they receive of what stands around; None: nothing.
+        besides: [P, 3] what they receive of nearby geometry; None: nothing.
     """
 
-    probes: Probes
+    surfels: Surfels
     albedo: Tensor
     of_sky: Tensor
     of_lamps: Tensor
@@ -67,26 +66,26 @@ class ProbeLight(NamedTuple):
 
     def mean_received(self, light: LightSamples) -> Float[Tensor, " C"]:
         """The mean of that over the skin."""
-        share = self.probes.area_m2 / self.probes.area_m2.sum()
+        share = self.surfels.area_m2 / self.surfels.area_m2.sum()
         return (share[:, None] * self.received(light)).sum(0)
 
-    def shed(self, light: LightSamples) -> Float[Tensor, "P 3"]:
+    def emitted(self, light: LightSamples) -> Float[Tensor, "P 3"]:
         """Radiance."""
         return self.albedo * self.received(light)
 
 
-class LightShadows(NamedTuple):
+class FrameShadows(NamedTuple):
     """The shadows of a light whose sky has K directions and which has L lamps.
 
     Attributes:
         sky: of the sky's directions at R points.
         lamps: of the lamps' samples at R points.
-        probes: the skin that sheds light on these points.
+        surfels: the skin that sheds light on these points.
     """
 
     sky: PointShadows
     lamps: PointShadows
-    probes: ProbeLight
+    surfels: SurfelIrradiance
 
 
 class SurfacePoints(NamedTuple):
@@ -97,25 +96,25 @@ class SurfacePoints(NamedTuple):
         normal: [R, 3] unit, of the mesh.
         relief_normal: [R, 3] unit, with the learnt relief.
         view: [R, 3] unit, from the camera.
-        places: on the mesh.
+        hit_points: on the mesh.
     """
 
     position: Tensor
     normal: Tensor
     relief_normal: Tensor
     view: Tensor
-    places: SkinPlaces
+    hit_points: MeshPoints
 
     @classmethod
-    def of(cls, probes: Probes) -> SurfacePoints:
-        """Probes of the skin, seen straight on."""
-        position, normal = probes.position, probes.normal
+    def of(cls, surfels: Surfels) -> SurfacePoints:
+        """Surfels of the skin, seen straight on."""
+        position, normal = surfels.position, surfels.normal
         first = torch.zeros(len(position), 3, device=position.device)
         first[:, 0] = 1
-        return cls(position, normal, normal, -normal, SkinPlaces(probes.chosen[:, None].expand(-1, 3), first))
+        return cls(position, normal, normal, -normal, MeshPoints(surfels.chosen[:, None].expand(-1, 3), first))
 
 
-class Openness(NamedTuple):
+class AmbientOcclusion(NamedTuple):
     """How open R points lie to the sky: share [R], weighted by the cosine, and mean direction towards it [R, 3]."""
 
     share: Tensor
@@ -130,10 +129,10 @@ class LightFeatures(NamedTuple):
         lamp_rgb: [L, 3].
         lamp_radius_rad: [L] half the angle of each lamp.
         sky_vectors: [R, 3, 3] the same of the sky, for each colour.
-        sky_seen: [R, 2] the share of the sky's gloss that arrives in each lobe: what the hand and its surroundings do
-            not hide.
+        lobe_visibility: [R, 2] the share of the sky's gloss that arrives in each lobe: what the hand and nearby
+            geometry do not hide.
         mirrored: the whole sky.
-        near_gloss: [R, 2, 3] what stands around, in these lobes.
+        near_field_specular: [R, 2, 3] nearby geometry, in these lobes.
         scattered: [R, 2, 3] light that arrives inside the skin, at the two depths of `SCATTER_M`.
         arriving: [R, 3] factor of all of the above, where light was measured; else 1.
         reflected: [R, 3] light besides: what the hand sheds on itself, or what was measured, as the radiance of a white
@@ -144,26 +143,26 @@ class LightFeatures(NamedTuple):
     lamp_rgb: Tensor
     lamp_radius_rad: Tensor
     sky_vectors: Tensor
-    sky_seen: Tensor
-    mirrored: MirroredSky
-    near_gloss: Tensor
+    lobe_visibility: Tensor
+    mirrored: PrefilteredEnvironment
+    near_field_specular: Tensor
     scattered: Tensor
     arriving: Tensor
     reflected: Tensor
 
 
-def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> Openness:
-    """The openness of points with these normals."""
+def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> AmbientOcclusion:
+    """The ambient occlusion of points with these normals."""
     seen = shadows.lit * (sky.towards @ normal.T).clamp_(min=0)
     share = seen.sum(0) * (4 / len(sky.towards))
-    return Openness(share, torch.nn.functional.normalize(seen.T @ sky.towards, dim=-1))
+    return AmbientOcclusion(share, torch.nn.functional.normalize(seen.T @ sky.towards, dim=-1))
 
 
-def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
+def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePoints) -> LightFeatures:
     """The features of points, without gradients: those that depend on normals vary slowly with them."""
     sky, lamps = light
     position, normal, relief_normal, view = (values.detach() for values in points[:-1])
-    points = SurfacePoints(position, normal, relief_normal, view, points.places)
+    points = SurfacePoints(position, normal, relief_normal, view, points.hit_points)
     towards, strength = lamps.arriving(points.position)
     lit = _unblocked(lamps, shadows.lamps)
     depth_in_m = lamps.shadow[:, None] * shadows.lamps.depth_in_m
@@ -171,7 +170,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     # What is far below the horizon must not weigh against the rest; close to it, a pixel's own normal tells.
     faces = (towards * points.relief_normal).sum(-1) > BELOW_HORIZON
     vectors = towards * (strength * lit * faces)[..., None]
-    count, probes = len(lamps.rgb), shadows.probes
+    count, surfels = len(lamps.rgb), shadows.surfels
     summed = [
         values.new_zeros(count, *values.shape[1:]).index_add(0, lamps.lamp, values) for values in (vectors, of_lamps)
     ]
@@ -183,26 +182,28 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
         lamp_rgb=lamps.rgb,
         lamp_radius_rad=lamps.radius_rad,
         sky_vectors=torch.einsum("kr,kx,kc->rxc", facing, sky.towards, sky.flux),
-        sky_seen=_sky_seen(sky, shadows.sky.lit, points),
+        lobe_visibility=_lobe_visibility(sky, shadows.sky.lit, points),
         mirrored=sky.mirrored,
-        near_gloss=points.position.new_zeros(len(points.position), 2, 3),
+        near_field_specular=points.position.new_zeros(len(points.position), 2, 3),
         scattered=torch.einsum("lrs,lc->rsc", summed[1], lamps.rgb) + torch.einsum("krs,kc->rsc", of_sky, sky.flux),
         arriving=torch.ones_like(points.position),
-        reflected=bounced_on_skin(points.places, points.position, points.normal, probes.probes, probes.shed(light)),
+        reflected=indirect_diffuse_on_mesh(
+            points.hit_points, points.position, points.normal, surfels.surfels, surfels.emitted(light)
+        ),
     )
 
 
-def light_at_probes(
-    light: LightSamples, sky: PointShadows, lamps: PointShadows, probes: Probes
+def irradiance_at_surfels(
+    light: LightSamples, sky: PointShadows, lamps: PointShadows, surfels: Surfels
 ) -> tuple[Float[Tensor, "K P"], Float[Tensor, "L P"]]:
-    """`of_sky` and `of_lamps` of `ProbeLight`, by the shadows at the probes."""
-    towards, strength = light.lamps.arriving(probes.position)
-    facing = (towards * probes.normal).sum(-1).clamp(min=0)
+    """`of_sky` and `of_lamps` of `SurfelIrradiance`, by the shadows at the surfels."""
+    towards, strength = light.lamps.arriving(surfels.position)
+    facing = (towards * surfels.normal).sum(-1).clamp(min=0)
     of_samples = strength * _unblocked(light.lamps, lamps) * facing
     of_lamps = of_samples.new_zeros(len(light.lamps.rgb), of_samples.shape[1]).index_add(
         0, light.lamps.lamp, of_samples
     )
-    return sky.lit * (light.sky.towards @ probes.normal.T).clamp(min=0), of_lamps
+    return sky.lit * (light.sky.towards @ surfels.normal.T).clamp(min=0), of_lamps
 
 
 def _unblocked(lamps: LampSamples, shadows: PointShadows) -> Float[Tensor, "K P"]:
@@ -228,10 +229,10 @@ def around_surface(cosine: Float[Tensor, "*n"]) -> Float[Tensor, "*n 2"]:
     return torch.stack([scale * (cosine + wrap).clamp(min=0) for wrap, scale in scales], -1)
 
 
-def _sky_seen(sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints) -> Float[Tensor, "R 2"]:
+def _lobe_visibility(sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints) -> Float[Tensor, "R 2"]:
     """The share of the sky in each lobe that nothing hides."""
     towards = sky.towards[:, None].expand(-1, len(points.view), -1)
-    lobes = glossy(points.relief_normal, towards, points.view, sky.flux.new_full((), SKY_CELL_RAD))
+    lobes = ggx(points.relief_normal, towards, points.view, sky.flux.new_full((), SKY_CELL_RAD))
     bright = lobes * sky.brightness[:, None, None]
     return (bright * lit[..., None]).sum(0) / bright.sum(0).clamp(min=_TINY)
 
@@ -241,11 +242,11 @@ UNUSED, SCATTERED, DIFFUSE, GLOSS = slice(0, 3), slice(3, 9), slice(9, 12), slic
 SMOOTH = 6
 """The first coefficients, to light deep in the skin, have no detail."""
 COEFFICIENTS = 14
-LIT_FEATURES = 16
+RELIGHTABLE_FEATURES = 16
 """Features of a ray for super-resolution, beside its coefficients."""
 
 
-class BumpedSkin(NamedTuple):
+class BumpMapping(NamedTuple):
     """What is known of the skin at P points whose normals are bump mapped.
 
     Attributes:
@@ -263,7 +264,7 @@ class BumpedSkin(NamedTuple):
     nail: Tensor
 
     @classmethod
-    def smooth(cls, normal: Float[Tensor, "P 3"]) -> BumpedSkin:
+    def smooth(cls, normal: Float[Tensor, "P 3"]) -> BumpMapping:
         """Skin with these normals, without bump mapping and nails, and as glossy everywhere."""
         count = len(normal)
         squared = normal.new_full((count,), alphas(None)[1] ** 2)
@@ -276,12 +277,12 @@ class BumpedSkin(NamedTuple):
         return torch.stack([torch.as_tensor(tight), torch.as_tensor(broad)], 1)
 
 
-def lit_colour(
+def shaded_colour(
     coefficients: Float[Tensor, "P 14"],
     normal: Float[Tensor, "P 3"],
     view: Float[Tensor, "P 3"],
     features: LightFeatures,
-    skin: BumpedSkin | None = None,
+    skin: BumpMapping | None = None,
 ) -> Float[Tensor, "P 3"]:
     """Scene-linear colours of P points, whose features are given for each.
 
@@ -292,7 +293,7 @@ def lit_colour(
         features: as `light_features`, at these points.
         skin: where it is known.
     """
-    return _colour_of_skin(coefficients, normal, view, features, skin or BumpedSkin.smooth(normal))
+    return _colour_of_skin(coefficients, normal, view, features, skin or BumpMapping.smooth(normal))
 
 
 def _colour_of_skin(
@@ -300,20 +301,20 @@ def _colour_of_skin(
     normal: Float[Tensor, "P 3"],
     view: Float[Tensor, "P 3"],
     features: LightFeatures,
-    skin: BumpedSkin,
+    skin: BumpMapping,
 ) -> Float[Tensor, "P 3"]:
     strength = features.lamp_vectors.norm(dim=-1)
     towards = features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
     surface, nail = skin.surface_normal, skin.nail
-    mirroring = mirroring_normal(normal, surface, view)
-    lobes = glossy(
+    mirroring = clamped_reflection_normal(normal, surface, view)
+    lobes = ggx(
         mirroring[:, None], towards, view[:, None], features.lamp_radius_rad, nail[:, None], skin.alpha_squared[:, None]
     )
     lamps_mirrored = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
     squared = skin.alphas_squared
-    leaving = leaving_share(mirroring, surface, view, squared)
-    sky_mirrored = features.mirrored.gloss(mirroring, view, squared) * (leaving * features.sky_seen)[..., None]
-    gloss = lamps_mirrored + sky_mirrored + features.near_gloss
+    leaving = horizon_occlusion(mirroring, surface, view, squared)
+    sky_mirrored = features.mirrored.gloss(mirroring, view, squared) * (leaving * features.lobe_visibility)[..., None]
+    gloss = lamps_mirrored + sky_mirrored + features.near_field_specular
     scattering = coefficients[:, SCATTERED].reshape(-1, 2, 3)
     of_lamps, of_sky = _diffuse_light_of(skin, normal, towards, features)
     inside = coefficients[:, DIFFUSE] * (of_lamps + of_sky)
@@ -330,7 +331,7 @@ def _colour_of_skin(
 
 
 def _diffuse_light_of(
-    skin: BumpedSkin, normal: Float[Tensor, "P 3"], towards: Float[Tensor, "P L 3"], features: LightFeatures
+    skin: BumpMapping, normal: Float[Tensor, "P 3"], towards: Float[Tensor, "P L 3"], features: LightFeatures
 ) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"]]:
     """That of lamps, and of the sky."""
     both = (normal, skin.blurred_normal)

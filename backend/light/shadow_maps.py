@@ -48,7 +48,7 @@ class Bounds(NamedTuple):
         return cls(centre, (vertices - centre).norm(dim=-1).amax())
 
 
-class LightViews(NamedTuple):
+class ShadowViews(NamedTuple):
     """K views of a mesh from its light.
 
     Attributes:
@@ -60,15 +60,15 @@ class LightViews(NamedTuple):
     distance: Tensor
 
     @classmethod
-    def along(cls, towards: Float[Tensor, "K 3"], distance: Float[Tensor, " K"]) -> LightViews:
+    def along(cls, towards: Float[Tensor, "K 3"], distance: Float[Tensor, " K"]) -> ShadowViews:
         """The views from these unit directions."""
         least = torch.nn.functional.one_hot(towards.abs().argmin(-1), 3).to(towards.dtype)
         right = torch.nn.functional.normalize(torch.linalg.cross(least, towards), dim=-1)
         return cls(torch.stack([right, torch.linalg.cross(right, towards), towards], 1), distance)
 
-    def chosen(self, which: Int[Tensor, " N"]) -> LightViews:
+    def chosen(self, which: Int[Tensor, " N"]) -> ShadowViews:
         """Some of the views."""
-        return LightViews(self.frames[which], self.distance[which])
+        return ShadowViews(self.frames[which], self.distance[which])
 
 
 class PointShadows(NamedTuple):
@@ -96,7 +96,7 @@ class MapWindows(NamedTuple):
     px_per_radius: Tensor
 
     @classmethod
-    def around(cls, points: Float[Tensor, "P 3"], views: LightViews, map_px: int) -> MapWindows:
+    def around(cls, points: Float[Tensor, "P 3"], views: ShadowViews, map_px: int) -> MapWindows:
         """The windows that just hold these points: whatever shadows them lies within, before or behind.
 
         Maps so become as fine as what is seen of the mesh is small. A window's border of a pixel holds no point.
@@ -134,7 +134,7 @@ class ShadowScene(NamedTuple):
         template_m: of a radius.
     """
 
-    views: LightViews
+    views: ShadowViews
     vertices: Tensor
     faces: Tensor
     others: Tensor
@@ -153,7 +153,7 @@ def point_shadows(
     mesh: PosedMesh,
     faces: Int[Tensor, "F 3"],
     occluders: Float[Tensor, "T 3 3"],
-    views: LightViews,
+    views: ShadowViews,
     points: Float[Tensor, "P 3"],
     map_px: int,
     bounds: Bounds | None = None,
@@ -195,7 +195,7 @@ def projected(points: Float[Tensor, "P 3"], scene: ShadowScene, windows: MapWind
     return ProjectedPoints((across - centre[:, None]) * px_per_radius[:, None] + scene.map_px / 2, depth)
 
 
-def _across(points: Float[Tensor, "P 3"], views: LightViews) -> tuple[Float[Tensor, "K P 2"], Float[Tensor, "K P"]]:
+def _across(points: Float[Tensor, "P 3"], views: ShadowViews) -> tuple[Float[Tensor, "K P 2"], Float[Tensor, "K P"]]:
     """Where the rays through points cross the plane of the centre, and the points' depths."""
     local = torch.einsum("kij,pj->kpi", views.frames, points)
     distance = views.distance[:, None]
@@ -203,13 +203,13 @@ def _across(points: Float[Tensor, "P 3"], views: LightViews) -> tuple[Float[Tens
     return local[..., :2] * (distance / torch.where(depth.abs() > 1e-6, depth, 1e-6))[..., None], depth
 
 
-def look_up_reference(scene: ShadowScene, places: Float[Tensor, "P 3"]) -> PointShadows:
+def look_up_reference(scene: ShadowScene, map_points: Float[Tensor, "P 3"]) -> PointShadows:
     """Compare each point with the four nearest pixels of each map, bilinearly; points outside a map are lit."""
     if not len(scene.views.distance):
-        return PointShadows(places.new_zeros(0, len(places)), places.new_zeros(0, len(places)))
-    windows = MapWindows.around(places, scene.views, scene.map_px)
+        return PointShadows(map_points.new_zeros(0, len(map_points)), map_points.new_zeros(0, len(map_points)))
+    windows = MapWindows.around(map_points, scene.views, scene.map_px)
     entry, blocker = _maps(scene, windows)
-    points = projected(places, scene, windows)
+    points = projected(map_points, scene, windows)
     position = points.px - 0.5
     is_inside = ((position >= 0) & (position < scene.map_px - 1)).all(-1) & (points.depth > 0)
     position = torch.where(is_inside[..., None], position, torch.zeros_like(position))

@@ -13,15 +13,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..records.light import Penumbra, Sky, sky_directions
-from .mirrored_sky import MirroredSky
-from .shadow_maps import FAR, LightViews
+from ..records.light import ShadowQuality, Sky, sky_directions
+from .prefiltered_environment import PrefilteredEnvironment
+from .shadow_maps import FAR, ShadowViews
 from .visibility import direction_frames
 
 SKY_DIRECTIONS = 64
 # As many directions on the whole sphere as bright cells of a sky are divided by, from a brightness against the mean on:
 # a window in one of them would cast shadows as hard as a lamp's.
-_DIVIDED_FROM: dict[Penumbra, tuple[tuple[float, int], ...]] = {
+_DIVIDED_FROM: dict[ShadowQuality, tuple[tuple[float, int], ...]] = {
     "none": (),
     "coarse": ((4.0, 256),),
     "fine": ((5.0, 1024), (2.0, 256)),
@@ -47,7 +47,7 @@ class SkySamples(NamedTuple):
     towards: Tensor
     flux: Tensor
     share: Tensor
-    mirrored: MirroredSky
+    mirrored: PrefilteredEnvironment
 
     @classmethod
     def of(cls, sky: Sky | None, device: torch.device | str, division: Division = UNDIVIDED) -> SkySamples:
@@ -58,7 +58,7 @@ class SkySamples(NamedTuple):
             cell, energy = _energies(sky, division)
             energies = torch.as_tensor(energy, dtype=torch.float32, device=device)
             flux = flux.index_add(0, torch.as_tensor(cell, device=device), energies)
-        return cls(towards, flux, share, MirroredSky.of(sky, device))
+        return cls(towards, flux, share, PrefilteredEnvironment.of(sky, device))
 
     @classmethod
     def mixed(cls, skies: tuple[SkySamples, ...], weights: Float[Tensor, "G 3"]) -> SkySamples:
@@ -78,9 +78,9 @@ class SkySamples(NamedTuple):
         """Radiance of the brightest cell, mean over colours."""
         return (self.flux.mean(1) / self.share.clamp(min=_LEAST_SHARE)).max() / 4
 
-    def views(self) -> LightViews:
+    def views(self) -> ShadowViews:
         """Views for shadow maps."""
-        return _views_from_afar(self.towards)
+        return _distant_views(self.towards)
 
 
 class ShadowedSky(NamedTuple):
@@ -91,28 +91,28 @@ class ShadowedSky(NamedTuple):
         of_cell: [SKY_DIRECTIONS] the view whose shadows each cell has: the nearest.
     """
 
-    views: LightViews
+    views: ShadowViews
     of_cell: Tensor
 
     @classmethod
     def of(cls, count: int, device: torch.device | str) -> ShadowedSky:
         """From this many directions."""
         towards = torch.tensor(_sphere(count), dtype=torch.float32, device=device)
-        return cls(_views_from_afar(towards), torch.tensor(_nearest_of_cells(count), device=device))
+        return cls(_distant_views(towards), torch.tensor(_nearest_of_cells(count), device=device))
 
 
-def _views_from_afar(towards: Float[Tensor, "K 3"]) -> LightViews:
-    return LightViews.along(towards, torch.full_like(towards[:, 0], FAR))
+def _distant_views(towards: Float[Tensor, "K 3"]) -> ShadowViews:
+    return ShadowViews.along(towards, torch.full_like(towards[:, 0], FAR))
 
 
-def division_of(skies: Iterable[Sky | None], penumbra: Penumbra) -> Division:
+def division_of(skies: Iterable[Sky | None], shadow_quality: ShadowQuality) -> Division:
     """By which the cells of skies that shine together are divided for shadows of this fineness."""
     grey = np.zeros(SKY_DIRECTIONS)
     for sky in skies:
         if sky is not None:
             cell, energy = _energies(sky, UNDIVIDED)
             grey += np.bincount(cell, energy.mean(1), SKY_DIRECTIONS)
-    levels = (*_DIVIDED_FROM[penumbra], (0.0, SKY_DIRECTIONS))
+    levels = (*_DIVIDED_FROM[shadow_quality], (0.0, SKY_DIRECTIONS))
     brightness = grey / max(grey.mean(), _LEAST_FLUX)
     return tuple(next(count for least, count in levels if value >= least) for value in brightness)
 

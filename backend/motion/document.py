@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..records.errors import LiveHandError
-from ..system.json_file import MOST_JSON_BYTES, parse_json, read_json
-from ..system.npz_file import MOST_NPZ_BYTES, read_npy_header, read_npz
-from ..system.regular_file import MIB, is_file, read_regular
+from ..system.files import MIB, is_file, read_regular
+from ..system.readers import MOST_JSON_BYTES, MOST_NPZ_BYTES, parse_json, read_json, read_npy_header, read_npz
 from .plain_pickle import read_plain_pickle
 
 _MOST_TABLE_BYTES = 64 * MIB

@@ -15,7 +15,7 @@ import numpy as np
 from .errors import LiveHandError
 
 LampKind = Literal["sun", "point", "spot", "area"]
-Penumbra = Literal["none", "coarse", "fine"]
+ShadowQuality = Literal["none", "coarse", "fine"]
 _LAMP_KINDS = ("sun", "point", "spot", "area")
 _ROTATION_TOLERANCE = 1e-4
 
@@ -160,8 +160,8 @@ class Light:
         occluder_albedo: [T, 3] of these, as if they were diffuse: they shed light on the hand; [0, 3]: they are black.
         measured: what a path tracer found on the bare hand of the same frame, which corrects all of the above; None: it
             was not asked.
-        penumbra: how many steps the edges of soft shadows have. A frame that is kept shows steps that nobody sees in a
-            preview, and steps cost time.
+        shadow_quality: how many steps the edges of soft shadows have. A frame that is kept shows steps that nobody sees
+            in a preview, and steps cost time.
     """
 
     lamps: tuple[Lamp, ...] = ()
@@ -169,7 +169,7 @@ class Light:
     occluders: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     occluder_albedo: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     measured: MeasuredLight | None = None
-    penumbra: Penumbra = "coarse"
+    shadow_quality: ShadowQuality = "coarse"
 
     def __post_init__(self):
         if np.ndim(self.occluders) != 3 or np.shape(self.occluders)[1:] != (3, 3):

@@ -12,7 +12,7 @@ The nine stages of a frame, and where each is computed:
 6 light        `light_visibility`, `light`       direct, one bounce, near field, scattering, reflection
                `measured_light`                  the same as a path tracer has measured it
 7 G-buffer     `gbuffer`                         super-resolved coefficients, normal, alpha, depth
-               `surface`, `image.relighting`     detail, edges, hair; coefficients x light -> linear colour
+               `surface`, `image.shading`     detail, edges, hair; coefficients x light -> linear colour
 8 develop      `image.decode`                    scene-linear colour and alpha in the whole image
 9 compose      `composition`                     hands against hands and scene, by depth profile
 

@@ -10,13 +10,13 @@ import torch
 from ..avatars.avatar import Avatar
 from ..field.conditions import FrameConditions
 from ..field.rays import CameraTensors, HandInView, SurfaceRays, camera_tensors
-from ..field.relightable import LitField
+from ..field.relightable import RelightableField
 from ..field.shade import shade
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.uvh import SurfaceSamples
 from ..hand.model import HandModel
 from ..hand.topology import Skinning, topology_of
-from ..light.lighting import Openness, reflectance
+from ..light.lighting import AmbientOcclusion, reflectance
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 
@@ -31,18 +31,21 @@ def vertex_albedo(avatar: Avatar, hand: HandModel) -> np.ndarray:
     Raises:
         LiveHandError: the avatar is not relightable.
     """
-    if not isinstance(avatar.field, LitField):
+    if not isinstance(avatar.field, RelightableField):
         raise LiveHandError(f"an albedo needs a relightable avatar, '{avatar.name}' is lit by its capture")
     field = deepcopy(avatar.field).cpu()  # the avatar may be in training on another device
     topology = topology_of(hand)
     mesh = posed_mesh(topology, torch.as_tensor(hand.v_template, dtype=torch.float32))
-    rays, open_sky = _rays_at_vertices(mesh, topology), Openness(torch.ones(len(mesh.vertices)), mesh.normals)
+    rays, sky_visibility = (
+        _rays_at_vertices(mesh, topology),
+        AmbientOcclusion(torch.ones(len(mesh.vertices)), mesh.normals),
+    )
     conditions = FrameConditions.of(
         torch.zeros(16, 3), Skinning.of(hand), topology, mesh, torch.zeros(len(mesh.vertices), 0)
     )
     view = HandInView(mesh, topology, _camera())
     gathered = shade(field, rays, view, conditions, avatar.config.sampler.shell_m)
-    coefficients = field.decode(gathered, rays.directions, open_sky).channels
+    coefficients = field.decode(gathered, rays.directions, sky_visibility).channels
     return reflectance(coefficients).clamp(0, 1).numpy()
 
 

@@ -41,7 +41,7 @@ def visible_parts(frames: Sequence[Frame], scene_depth: np.ndarray | None = None
     if len(frames) == 1 and scene_depth is None:
         return list(frames)
     profiles = [profile_of(frame) for frame in frames]
-    seen = _balanced(profiles, [_seen_weights(number, profiles) for number in range(len(profiles))])
+    seen = _balanced(profiles, [_visible_weights(number, profiles) for number in range(len(profiles))])
     shares = [_share_before_hands(*hand, profiles) for hand in zip(profiles, seen, strict=True)]
     if scene_depth is not None:
         before_scene = [_share_before_scene(*hand, scene_depth) for hand in zip(profiles, seen, strict=True)]
@@ -84,7 +84,7 @@ def profile_of(frame: Frame) -> DepthProfile:
     return frame.profile or DepthProfile.of_surface(frame.depth, frame.alpha, DEPTH_BACKGROUND)
 
 
-def _seen_weights(number: int, profiles: Sequence[DepthProfile]) -> np.ndarray:
+def _visible_weights(number: int, profiles: Sequence[DepthProfile]) -> np.ndarray:
     """[K, N] a hand's weights in the K pixels that it has rays through, attenuated by the other hands."""
     own, others = profiles[number], [*profiles[:number], *profiles[number + 1 :]]
     has_ray = own.row >= 0

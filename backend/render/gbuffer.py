@@ -19,21 +19,21 @@ from torch import Tensor, nn
 from ..compute.precision import Decoder, Precision
 from ..compute.reference import ReferenceBackend
 from ..field.rays import project
-from ..field.relightable import LitField
+from ..field.relightable import RelightableField
 from ..field.volume import Composite
 from ..image.crop import Crop
-from ..image.relighting import LitImage, SkinDepth, relit_rays
+from ..image.shading import ShadingInputs, SurfaceDepth, shade_rays
 from ..light.lighting import LightFeatures, SurfacePoints, reflectance
 from ..light.shadow_maps import Bounds, PointShadows
 from ..light.sky_samples import SkySamples
 from ..records.depth_profile import DepthProfile
 from ..records.light import MeasuredLight
 from ..records.shot import Shot
-from ..surface.clear_rays import without_strays
-from ..surface.hairs import SeenHairs
-from ..surface.part_edges import PartEdges
+from ..surface.edge_antialiasing import EdgePixels
+from ..surface.hairs import VisibleHairs
+from ..surface.hole_filling import drop_outliers
 from .light_visibility import split_points
-from .primary_hits import HitSurface, PrimaryHits, shows_alone, surface_points
+from .primary_hits import HitSurface, PrimaryHits, is_off_edges, surface_points
 
 
 class DecodedRays(NamedTuple):
@@ -55,7 +55,7 @@ class DecodedRays(NamedTuple):
 
     def colours(self, features: LightFeatures) -> Float[Tensor, "R 3"]:
         """Return their scene-linear colours in a light, premultiplied."""
-        return relit_rays(self.low, self.points, features)
+        return shade_rays(self.low, self.points, features)
 
 
 @dataclass(frozen=True)
@@ -69,14 +69,14 @@ class RelightableNetworks:
         backend: computes all that is between the networks and the image.
     """
 
-    field: LitField
+    field: RelightableField
     decoder: Decoder
     superres: Callable[[Tensor], Tensor]
     backend: ReferenceBackend
 
     @classmethod
     def of(
-        cls, field: LitField, superres: nn.Module, backend: ReferenceBackend, precision: Precision
+        cls, field: RelightableField, superres: nn.Module, backend: ReferenceBackend, precision: Precision
     ) -> RelightableNetworks:
         """Prepare networks for a backend; they are on one device."""
         device = next(field.parameters()).device
@@ -91,13 +91,13 @@ class RelightableNetworks:
             gathered: along them.
             sky_visibility: of the points, by the hand alone.
         """
-        points = surface_points(self.field, gathered, met.position, met.view, met.places, met.hits)
+        points = surface_points(self.field, gathered, met.position, met.view, met.hit_points, met.hits)
         at_points, _ = split_points(sky_visibility, len(points.position))
-        open_to = self.backend.openness(SkySamples.of(None, met.pixel.device), at_points, points.normal)
-        low = self.field.decode(gathered, met.view, open_to, self.decoder, self.backend.decoder_inputs)
+        occlusion = self.backend.ambient_occlusion(SkySamples.of(None, met.pixel.device), at_points, points.normal)
+        low = self.field.decode(gathered, met.view, occlusion, self.decoder, self.backend.decoder_inputs)
         return DecodedRays(points, low)
 
-    def enlarged(self, met: PrimaryHits, rays: DecodedRays, skin: SkinDepth) -> LitImage:
+    def enlarged(self, met: PrimaryHits, rays: DecodedRays, skin: SurfaceDepth) -> ShadingInputs:
         """Enlarge decoded rays to the full-size image.
 
         Args:
@@ -106,8 +106,8 @@ class RelightableNetworks:
             skin: depth of what the full-size image shows, by which it takes the light of rays on the same surface.
         """
         points = rays.points
-        told = points if met.hits is None else without_strays(points, rays.low.alpha, met.hits, skin.edge_m)
-        return self.backend.lit_image(self.superres, rays.low, told, met.pixel, met.hand.camera, skin)
+        reported = points if met.hits is None else drop_outliers(points, rays.low.alpha, met.hits, skin.edge_m)
+        return self.backend.shading_inputs(self.superres, rays.low, reported, met.pixel, met.hand.camera, skin)
 
 
 class SurfaceLayer(NamedTuple):
@@ -121,9 +121,9 @@ class SurfaceLayer(NamedTuple):
     """
 
     hit: HitSurface
-    depth: SkinDepth
-    edges: PartEdges
-    hairs: SeenHairs | None
+    depth: SurfaceDepth
+    edges: EdgePixels
+    hairs: VisibleHairs | None
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class GBuffer:
     met: PrimaryHits
     points: SurfacePoints
     sky_visibility: PointShadows
-    image: LitImage
+    image: ShadingInputs
     albedo: Tensor
     profile: DepthProfile | None
     layer: SurfaceLayer | None
@@ -175,4 +175,4 @@ class GBuffer:
         shown = self.layer.depth if measured.on_surface and self.layer is not None else self.met.mesh_depth
         camera = self.met.hand.camera
         _, depth = project(camera, self.points.position)
-        return shows_alone(shown, depth, self.met.pixel, camera.size_px)
+        return is_off_edges(shown, depth, self.met.pixel, camera.size_px)

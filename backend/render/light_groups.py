@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..geometry.mesh import PosedMesh
 from ..light.lamp_samples import LampSamples
-from ..light.light_samples import LightSamples
+from ..light.samples import LightSamples
 from ..light.shadow_maps import Bounds
 from ..light.sky_samples import SkySamples, division_of
 from ..records.light import Light

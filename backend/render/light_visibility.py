@@ -1,4 +1,4 @@
-"""What of a light reaches points of the skin: shadows by the hand itself and by what stands around it, and their light.
+"""What of a light reaches points of the skin: shadows by the hand itself and by nearby geometry, and their light.
 
 `light_visibility` is the road of frames and of training alike. It depends on no network: training keeps what it
 returns, in a byte each (`LightVisibility.packed`), and mixes the light anew at every step (`lit_by`).
@@ -14,20 +14,20 @@ from torch import Tensor
 
 from ..compute.reference import ReferenceBackend
 from ..field.rays import HandInView
-from ..light.bounce import Probes, probe_vertices
+from ..light.indirect_diffuse import Surfels, surfel_vertices
 from ..light.lamp_samples import LampSamples
-from ..light.light_samples import LightSamples
-from ..light.lighting import LightFeatures, LightShadows, ProbeLight, SurfacePoints, light_at_probes
-from ..light.shadow_maps import MAX_DEPTH_IN_M, Bounds, LightViews, PointShadows
+from ..light.lighting import FrameShadows, LightFeatures, SurfacePoints, SurfelIrradiance, irradiance_at_surfels
+from ..light.near_field_light import PatchIrradiance
+from ..light.nearby_geometry import Patches
+from ..light.samples import LightSamples
+from ..light.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows, ShadowViews
 from ..light.sky_samples import SKY_DIRECTIONS, ShadowedSky, SkySamples
-from ..light.surrounding_light import SurroundingLight
-from ..light.surroundings import Patches
 from ..records.light import Light
-from .primary_hits import LampSkin, LampSkins
+from .primary_hits import LampShadowCaster, LampShadowCasters
 
 SKY_MAP_PX, LAMP_MAP_PX, SOFT_MAP_PX, PROBE_MAP_PX = 64, 256, 192, 64
 """Sides of the shadow maps of one direction of the sky, and of one sample of a lamp: at rays and patches; at rays, of a
-lamp whose shadows are too soft to show their pixels; at probes."""
+lamp whose shadows are too soft to show their pixels; at surfels."""
 # By how much patches lie before their surface in shadow maps: it must not shadow itself where light grazes.
 _PATCH_LIFT_PX = 1.5
 NO_OCCLUDERS = torch.zeros(0, 3, 3)
@@ -40,13 +40,13 @@ class LightVisibility(NamedTuple):
         samples: the light.
         shadows: of sky and lamps at the points, by the hand and by occluders.
         sky_visibility: shadows of the sky by the hand alone, as `sky_shadows` gives them.
-        around: the light that what stands around the hand receives; None: nothing does.
+        around: the light that nearby geometry receives; None: nothing does.
     """
 
     samples: LightSamples
-    shadows: LightShadows
+    shadows: FrameShadows
     sky_visibility: PointShadows
-    around: SurroundingLight | None
+    around: PatchIrradiance | None
 
     def lit_by(self, samples: LightSamples) -> LightVisibility:
         """Return the same of other strengths of the same lamps and sky."""
@@ -54,17 +54,17 @@ class LightVisibility(NamedTuple):
 
     def with_albedo(self, albedo: Float[Tensor, " 3"]) -> LightVisibility:
         """Return the same on a hand whose skin has this albedo everywhere, where it lights itself."""
-        probes = self.shadows.probes._replace(albedo=albedo)
-        return self._replace(shadows=self.shadows._replace(probes=probes))
+        surfels = self.shadows.surfels._replace(albedo=albedo)
+        return self._replace(shadows=self.shadows._replace(surfels=surfels))
 
     def features(self, points: SurfacePoints, backend: ReferenceBackend) -> LightFeatures:
-        """Return what the light does at the points, and what stands around with it."""
-        return features_among(self.around, self.samples, self.shadows, self.sky_visibility, points, backend)
+        """Return what the light does at the points, and nearby geometry with it."""
+        return features_with_nearby(self.around, self.samples, self.shadows, self.sky_visibility, points, backend)
 
     def packed(self) -> PackedVisibility:
         """Return the same in a byte for each share and depth, without the samples."""
-        sky, lamps, probes = self.shadows
-        return PackedVisibility(_packed(sky), _packed(lamps), _packed(self.sky_visibility), probes, self.around)
+        sky, lamps, surfels = self.shadows
+        return PackedVisibility(_packed(sky), _packed(lamps), _packed(self.sky_visibility), surfels, self.around)
 
 
 class PackedVisibility(NamedTuple):
@@ -73,12 +73,12 @@ class PackedVisibility(NamedTuple):
     sky: tuple[Tensor, Tensor]
     lamps: tuple[Tensor, Tensor]
     sky_visibility: tuple[Tensor, Tensor]
-    probes: ProbeLight
-    around: SurroundingLight | None
+    surfels: SurfelIrradiance
+    around: PatchIrradiance | None
 
     def unpacked(self, samples: LightSamples) -> LightVisibility:
         """Return it of the light whose samples these are."""
-        shadows = LightShadows(_unpacked(self.sky), _unpacked(self.lamps), self.probes)
+        shadows = FrameShadows(_unpacked(self.sky), _unpacked(self.lamps), self.surfels)
         return LightVisibility(samples, shadows, _unpacked(self.sky_visibility), self.around)
 
 
@@ -91,7 +91,7 @@ def light_visibility(
     sky_visibility: PointShadows,
     albedo: Tensor,
     at_probes: LampSamples | None = None,
-    lamp_skins: LampSkins | None = None,
+    shadow_casters: LampShadowCasters | None = None,
 ) -> LightVisibility:
     """Cast the shadows of a light at points.
 
@@ -104,30 +104,30 @@ def light_visibility(
         sky_visibility: as in `LightVisibility`.
         albedo: as in `light_shadows`.
         at_probes: as `shining_on_probes` there.
-        lamp_skins: as there.
+        shadow_casters: as there.
     """
     occluders = occluding_triangles(light, position.device)
     of_cells = sky_shadows(backend, hand, occluders, position) if len(occluders) else sky_visibility
     of_sky = with_parts(of_cells, samples.sky, backend, hand, occluders, position)
-    shadows = light_shadows(backend, hand, samples, occluders, position, of_sky, albedo, at_probes, lamp_skins)
+    shadows = light_shadows(backend, hand, samples, occluders, position, of_sky, albedo, at_probes, shadow_casters)
     around = None
     if light.measured is None:
-        shed = samples if at_probes is None else samples._replace(lamps=at_probes)
-        around = surrounding_light(backend, hand, shed, light)
+        emitted = samples if at_probes is None else samples._replace(lamps=at_probes)
+        around = nearby_geometry_of(backend, hand, emitted, light)
     return LightVisibility(samples, shadows, sky_visibility, around)
 
 
 def occluding_triangles(light: Light, device: torch.device) -> Float[Tensor, "T 3 3"]:
-    """What stands around the hand, world, m."""
+    """Nearby geometry, world, m."""
     return torch.as_tensor(light.occluders, dtype=torch.float32, device=device)
 
 
 def sky_shadows(
     backend: ReferenceBackend, hand: HandInView, occluders: Float[Tensor, "T 3 3"], position: Float[Tensor, "R 3"]
 ) -> PointShadows:
-    """The shadows of the sky's cells at points and then at the probes, whatever light comes from there."""
+    """The shadows of the sky's cells at points and then at the surfels, whatever light comes from there."""
     views, of_cell = ShadowedSky.of(hand.light_quality.sky_directions, position.device)
-    shadows = _shadows_from_afar(backend, hand, occluders, position, views)
+    shadows = _distant_shadows(backend, hand, occluders, position, views)
     if len(views.distance) == SKY_DIRECTIONS:
         return shadows
     return PointShadows(shadows.lit[of_cell], shadows.depth_in_m[of_cell])
@@ -146,15 +146,15 @@ def with_parts(
     if not len(parts):
         return of_cells
     views = sky.views().chosen(parts)
-    of_parts = _shadows_from_afar(backend, hand, occluders, position, views)
+    of_parts = _distant_shadows(backend, hand, occluders, position, views)
     return PointShadows(*(torch.cat(values) for values in zip(of_cells, of_parts, strict=True)))
 
 
-def _shadows_from_afar(
-    backend: ReferenceBackend, hand: HandInView, occluders: Tensor, position: Tensor, views: LightViews
+def _distant_shadows(
+    backend: ReferenceBackend, hand: HandInView, occluders: Tensor, position: Tensor, views: ShadowViews
 ) -> PointShadows:
     vertices = hand.mesh.vertices
-    points = torch.cat([position, vertices[probe_vertices(len(vertices), hand.light_quality.probes)]])
+    points = torch.cat([position, vertices[surfel_vertices(len(vertices), hand.light_quality.surfels)]])
     return backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, points, SKY_MAP_PX)
 
 
@@ -167,8 +167,8 @@ def light_shadows(
     of_sky: PointShadows,
     albedo: Tensor,
     shining_on_probes: LampSamples | None = None,
-    lamp_skins: LampSkins | None = None,
-) -> LightShadows:
+    shadow_casters: LampShadowCasters | None = None,
+) -> FrameShadows:
     """The shadows of a light at points, by the hand itself and by occluders.
 
     Args:
@@ -180,14 +180,14 @@ def light_shadows(
         of_sky: as `sky_shadows` gives them.
         albedo: of the skin that sheds light on itself, [V, 3] of the vertices or [3] of all.
         shining_on_probes: the lamps as they light that skin, in fewer samples; None: as everywhere.
-        lamp_skins: cast and take their shadows; None: the mesh does, at the points.
+        shadow_casters: cast and take their shadows; None: the mesh does, at the points.
     """
-    probes, bounds = Probes.of(hand.mesh, hand.topology, hand.light_quality.probes), Bounds.of(hand.mesh)
+    surfels, bounds = Surfels.of(hand.mesh, hand.topology, hand.light_quality.surfels), Bounds.of(hand.mesh)
 
-    def cast(views: LightViews, skin: LampSkin, map_px: int) -> PointShadows:
+    def cast(views: ShadowViews, skin: LampShadowCaster, map_px: int) -> PointShadows:
         return backend.point_shadows(skin.mesh, skin.faces, occluders, views, skin.position, map_px, bounds)
 
-    def of_lamps(lamps: LampSamples, skins: LampSkins, hard_px: int, soft_px: int) -> PointShadows:
+    def of_lamps(lamps: LampSamples, skins: LampShadowCasters, hard_px: int, soft_px: int) -> PointShadows:
         views, is_hard = lamps.views(bounds), lamps.is_hard
         if is_hard.all() or (skins.hard is skins.soft and hard_px == soft_px):
             return cast(views, skins.hard, hard_px)
@@ -198,25 +198,25 @@ def light_shadows(
         order = torch.cat([soft, hard]).argsort()
         return PointShadows(*(torch.cat(values)[order] for values in zip(*parts, strict=True)))
 
-    on_mesh = LampSkin(hand.mesh, hand.topology.faces, position)
-    at_probes = on_mesh._replace(position=probes.position)
+    on_mesh = LampShadowCaster(hand.mesh, hand.topology.faces, position)
+    at_probes = on_mesh._replace(position=surfels.position)
     # Apart, for a map is as fine as its points are near.
-    lamps = of_lamps(light.lamps, lamp_skins or LampSkins(on_mesh, on_mesh), LAMP_MAP_PX, SOFT_MAP_PX)
+    lamps = of_lamps(light.lamps, shadow_casters or LampShadowCasters(on_mesh, on_mesh), LAMP_MAP_PX, SOFT_MAP_PX)
     probe_light = light._replace(lamps=light.lamps if shining_on_probes is None else shining_on_probes)
-    probe_lamps = of_lamps(probe_light.lamps, LampSkins(at_probes, at_probes), PROBE_MAP_PX, PROBE_MAP_PX)
+    probe_lamps = of_lamps(probe_light.lamps, LampShadowCasters(at_probes, at_probes), PROBE_MAP_PX, PROBE_MAP_PX)
     sky, probe_sky = split_points(of_sky, len(position))
-    of_probes = light_at_probes(probe_light, probe_sky, probe_lamps, probes)
-    of_discs = albedo if albedo.dim() == 1 else albedo[probes.chosen]
-    return LightShadows(sky, lamps, ProbeLight(probes, of_discs, *of_probes))
+    of_probes = irradiance_at_surfels(probe_light, probe_sky, probe_lamps, surfels)
+    of_discs = albedo if albedo.dim() == 1 else albedo[surfels.chosen]
+    return FrameShadows(sky, lamps, SurfelIrradiance(surfels, of_discs, *of_probes))
 
 
-def surrounding_light(
+def nearby_geometry_of(
     backend: ReferenceBackend,
     hand: HandInView,
     samples: LightSamples,
     light: Light,
-) -> SurroundingLight | None:
-    """What stands around a hand, and what it receives from a light; None: nothing does that would shed any.
+) -> PatchIrradiance | None:
+    """Nearby geometry, and what it receives from a light; None: nothing does that would shed any.
 
     Args:
         backend: computes the shadows.
@@ -230,43 +230,43 @@ def surrounding_light(
     points, occluders = patches.points, occluding_triangles(light, patches.position.device)
     bounds = Bounds.around(torch.cat([points.position, hand.mesh.vertices]))
 
-    def cast(views: LightViews, map_px: int) -> PointShadows:
+    def cast(views: ShadowViews, map_px: int) -> PointShadows:
         lift_m = torch.minimum(_PATCH_LIFT_PX * 2 * bounds.radius / map_px, 0.5 * points.area_m2.sqrt())
         lifted = points.position + lift_m[:, None] * points.normal
         return backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, lifted, map_px, bounds)
 
     sky, lamps = cast(samples.sky.views(), SKY_MAP_PX), cast(samples.lamps.views(bounds), LAMP_MAP_PX)
-    received = light_at_probes(samples, sky, lamps, points.probes)
-    return SurroundingLight(patches, *(patches.mean(values) for values in received))
+    received = irradiance_at_surfels(samples, sky, lamps, points.surfels)
+    return PatchIrradiance(patches, *(patches.mean(values) for values in received))
 
 
-def features_among(
-    around: SurroundingLight | None,
+def features_with_nearby(
+    around: PatchIrradiance | None,
     light: LightSamples,
-    shadows: LightShadows,
-    open_sky: PointShadows,
+    shadows: FrameShadows,
+    sky_visibility: PointShadows,
     points: SurfacePoints,
     backend: ReferenceBackend,
 ) -> LightFeatures:
-    """What a light does at points, and what stands around with it: on them, and on the skin that sheds light on them.
+    """What a light does at points, and nearby geometry with it: on them, and on the skin that sheds light on them.
 
     Args:
-        around: what stands around, if anything does.
+        around: nearby geometry, if anything does.
         light: sampled.
         shadows: at the points.
-        open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
+        sky_visibility: shadows of the sky by the hand alone, as `sky_shadows` gives them.
         points: on the skin.
         backend: computes the features.
     """
     if around is None:
         return backend.light_features(light, shadows, points)
-    skin = shadows.probes
-    shed = around.shed(light, skin, backend.bounced)
-    at_points, at_probes = split_points(open_sky, len(points.position))
-    on_probes = backend.near_light(around.patches, at_probes, shed, SurfacePoints.of(skin.probes))
-    skin = skin._replace(besides=on_probes.diffuse(skin.probes.normal))
-    features = backend.light_features(light, shadows._replace(probes=skin), points)
-    return backend.near_light(around.patches, at_points, shed, points).added_to(features)
+    skin = shadows.surfels
+    emitted = around.emitted(light, skin, backend.indirect_diffuse)
+    at_points, at_probes = split_points(sky_visibility, len(points.position))
+    on_probes = backend.near_field_light(around.patches, at_probes, emitted, SurfacePoints.of(skin.surfels))
+    skin = skin._replace(besides=on_probes.diffuse(skin.surfels.normal))
+    features = backend.light_features(light, shadows._replace(surfels=skin), points)
+    return backend.near_field_light(around.patches, at_points, emitted, points).added_to(features)
 
 
 def split_points(shadows: PointShadows, count: int) -> tuple[PointShadows, PointShadows]:

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, grid_sample
 
 from ..image.crop import Crop
-from ..image.surface_means import RayPlaces, SurfaceMeans, surface_means
+from ..image.edge_avoiding_filter import EdgeAvoidingMean, RaySurfacePoints, edge_avoiding_mean
 from ..light.lighting import LightFeatures, corrected
 from ..records.light import MeasuredLight
 
@@ -57,13 +57,13 @@ class AtRays(NamedTuple):
 
     Attributes:
         shows: [R] whether the surface on which it was measured is there the one that a ray meets.
-        places: of the rays.
+        hit_points: of the rays.
         means: over them.
     """
 
     shows: Tensor
-    places: RayPlaces
-    means: SurfaceMeans = surface_means
+    hit_points: RaySurfacePoints
+    means: EdgeAvoidingMean = edge_avoiding_mean
 
     def filled(self, values: Float[Tensor, "R C"]) -> Float[Tensor, "R C"]:
         """Their values; at the other rays, means of those nearby on the same surface, if there are any.
@@ -73,7 +73,7 @@ class AtRays(NamedTuple):
         shows = self.shows[:, None].to(values)
         known = torch.cat([values * shows, shows], 1)
         for stride in _STRIDES:
-            known = self.means(known, self.places, stride)
+            known = self.means(known, self.hit_points, stride)
         share = known[:, -1:]
         return torch.where(self.shows[:, None] | (share < _LEAST_KNOWN), values, known[:, :-1] / share.clamp(min=_TINY))
 
@@ -85,19 +85,19 @@ class AtRays(NamedTuple):
         indirect: Float[Tensor, "R 3"],
     ) -> LightFeatures:
         """Return what a light does at the rays, as bright as what was measured there (`measured_at`)."""
-        indirect = without_noise(self.filled(indirect), self.places, self.means)
+        indirect = without_noise(self.filled(indirect), self.hit_points, self.means)
         features = corrected(features, normal, direct, indirect)
         of_rays = self.filled(torch.cat([features.arriving, features.reflected], 1))
         return features._replace(arriving=of_rays[:, :3], reflected=of_rays[:, 3:])
 
 
 def without_noise(
-    values: Float[Tensor, "R 3"], places: RayPlaces, means: SurfaceMeans = surface_means
+    values: Float[Tensor, "R 3"], hit_points: RaySurfacePoints, means: EdgeAvoidingMean = edge_avoiding_mean
 ) -> Float[Tensor, "R 3"]:
     """Means of what varies slowly over the skin, as light that other surfaces reflect, over rays on the same surface.
 
     Three passes over 3 x 3 rays, each twice as far apart.
     """
     for stride in _STRIDES:
-        values = means(values, places, stride)
+        values = means(values, hit_points, stride)
     return values

@@ -29,7 +29,7 @@ from ..geometry.mesh import PosedMesh, Topology
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.topology import Skinning, topology_of
 from ..image.crop import Crop, crop_of
-from ..light.quality import FINAL, PREVIEW
+from ..light.samples import FINAL, PREVIEW
 from ..records.errors import LiveHandError
 from ..records.shot import HandPose, Shot
 from ..records.side import Side

@@ -15,16 +15,16 @@ from ..field.rays import CameraTensors, HandInView, view_directions
 from ..geometry.local_rotation import LocalFrames
 from ..geometry.mesh import PosedMesh
 from ..hand.model import HandModel
-from ..image.relighting import LitImage, covered_pixels, doubled
+from ..image.shading import ShadingInputs, covered_pixels, doubled
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
 from ..surface.detail_maps import DetailMaps
-from ..surface.fine_mesh import FineMesh, FineTemplate, LevelsOfDetail, on_surface
+from ..surface.detail_mesh import DetailMesh, DetailTemplate, LevelsOfDetail, on_surface
 from ..surface.hair_growth import Hairs
 from ..surface.hairs import PosedHairs
 from ..surface.ray_hits import RayHits
-from ..surface.skin_detail import PixelSkin, pixel_skin, with_skin
-from .known_skin import KnownSkin, hairs_on
+from ..surface.shading_detail import DetailPixels, detail_pixels, with_detail
+from .avatar_surface import AvatarSurface, hairs_on
 
 
 class SurfaceInView(NamedTuple):
@@ -38,7 +38,7 @@ class SurfaceInView(NamedTuple):
     """
 
     maps: DetailMaps
-    mesh: FineMesh
+    mesh: DetailMesh
     hits: RayHits
     hairs: PosedHairs | None = None
 
@@ -55,22 +55,22 @@ class SurfacePixels(NamedTuple):
         hits: of the rays.
     """
 
-    pixels: PixelSkin
+    pixels: DetailPixels
     hits: RayHits
 
-    def detailed(self, image: LitImage) -> LitImage:
+    def detailed(self, image: ShadingInputs) -> ShadingInputs:
         """Return the image with the surface's outline and detail, with gradients to its colours."""
-        return with_skin(image, self.pixels)
+        return with_detail(image, self.pixels)
 
     def halved(self) -> SurfacePixels:
         """Return the same in half precision, but for whole numbers and the rays' depths."""
         pixels = (values.half() if values.is_floating_point() else values for values in self.pixels)
-        return SurfacePixels(PixelSkin(*pixels), self.hits._replace(normal=self.hits.normal.half()))
+        return SurfacePixels(DetailPixels(*pixels), self.hits._replace(normal=self.hits.normal.half()))
 
     def whole(self) -> SurfacePixels:
         """Return the same in single precision."""
         pixels = (values.float() if values.is_floating_point() else values for values in self.pixels)
-        return SurfacePixels(PixelSkin(*pixels), self.hits._replace(normal=self.hits.normal.float()))
+        return SurfacePixels(DetailPixels(*pixels), self.hits._replace(normal=self.hits.normal.float()))
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class SurfacePoser:
         backend: poses and rasterises.
     """
 
-    skin: KnownSkin
+    skin: AvatarSurface
     hand: HandModel
     device: torch.device
     backend: ReferenceBackend
@@ -92,28 +92,28 @@ class SurfacePoser:
     def posed(self, shot: Shot, hand: HandInView) -> SurfaceInView:
         """Return the surface of a shot: of what moves, in fewer faces if the view allows it, and without hairs."""
         levels = self.levels(shot.pose.side)
-        template = levels.seen_in(hand) if shot.quality == "preview" else levels.finest
+        template = levels.visible_in(hand) if shot.quality == "preview" else levels.finest
         surface = self.in_view(shot.pose, hand, template)
         if shot.hair == 0 or shot.quality == "preview":
             return surface
         return surface._replace(hairs=PosedHairs.of(self.hairs.first(shot.hair), surface.mesh, self.skin.hair_albedo))
 
-    def in_view(self, pose: HandPose, hand: HandInView, template: FineTemplate | None = None) -> SurfaceInView:
+    def in_view(self, pose: HandPose, hand: HandInView, template: DetailTemplate | None = None) -> SurfaceInView:
         """Return the surface over a hand in this pose; `template` as in `mesh`."""
         mesh = self.mesh(pose, hand.mesh, hand.topology.frames, template)
         hits = self.backend.ray_hits(mesh, hand.camera, hand.camera.every_pixel)
         return SurfaceInView(self.skin.maps, mesh, hits)
 
-    def shown(self, mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> SurfacePixels:
+    def shown(self, mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> SurfacePixels:
         """Return what rays at `pixel` of a low-resolution camera show of the posed surface, and their image."""
         full, covered = doubled(camera), covered_pixels(pixel, camera.size_px)
-        seen = self.backend.seen_surface(mesh, full)
-        pixels = pixel_skin(covered, view_directions(full, covered), seen, mesh, full, self.skin.maps)
+        seen = self.backend.visible_surface(mesh, full)
+        pixels = detail_pixels(covered, view_directions(full, covered), seen, mesh, full, self.skin.maps)
         return SurfacePixels(pixels, self.backend.ray_hits(mesh, camera, pixel))
 
     def mesh(
-        self, pose: HandPose, mesh: PosedMesh, frames: LocalFrames, template: FineTemplate | None = None
-    ) -> FineMesh:
+        self, pose: HandPose, mesh: PosedMesh, frames: LocalFrames, template: DetailTemplate | None = None
+    ) -> DetailMesh:
         """Return the surface over a mesh; `template`: in how many faces, None for all of them."""
         template = self.levels(pose.side).finest if template is None else template
         return self.skin.posed(template, pose, mesh, frames, self.backend)

@@ -17,15 +17,15 @@ from torch.nn.functional import max_pool2d, normalize
 from ..compute.reference import ReferenceBackend
 from ..field.field import mean_features
 from ..field.rays import HandInView, RenderedRays, SurfaceRays, ray_directions, ray_origin
-from ..field.relightable import LitField
+from ..field.relightable import RelightableField
 from ..field.volume import Composite
 from ..geometry.mesh import PosedMesh
 from ..geometry.rasterise import NearestFronts
 from ..image.maps import ray_of_pixel
-from ..image.relighting import SkinDepth, at_full_size, neighbours
-from ..light.bounce import PlacesOf, SkinPlaces
+from ..image.shading import SurfaceDepth, at_full_size, neighbours
+from ..light.indirect_diffuse import MeshPoints, MeshPointsOf
 from ..light.lighting import SurfacePoints
-from ..surface.fine_mesh import FineMesh
+from ..surface.detail_mesh import DetailMesh
 from ..surface.ray_hits import RayHits
 
 # Template metres: how far the skin stands out of the mesh, and by how much the depths of two surfaces differ.
@@ -40,7 +40,7 @@ class PrimaryHits(NamedTuple):
         pixel: [R] of the rays.
         view: [R, 3] unit, from the camera, world.
         position: [R, 3] as `ray_positions` gives them, m, world.
-        places: of these on the mesh.
+        hit_points: of these on the mesh.
         mesh_depth: of the mesh at the view's pixels.
         hits: of the rays with the avatar's surface; None: it has none.
     """
@@ -49,11 +49,11 @@ class PrimaryHits(NamedTuple):
     pixel: Tensor
     view: Tensor
     position: Tensor
-    places: SkinPlaces
-    mesh_depth: SkinDepth
+    hit_points: MeshPoints
+    mesh_depth: SurfaceDepth
     hits: RayHits | None
 
-    def on_surface(self, mesh: FineMesh) -> HitSurface:
+    def on_surface(self, mesh: DetailMesh) -> HitSurface:
         """Return the avatar's posed surface with the rays' points on it; it must be the one whose `hits` these have."""
         assert self.hits is not None
         directions = ray_directions(self.hand.camera, self.pixel)
@@ -66,7 +66,7 @@ def primary_hits(
     rays: RenderedRays | SurfaceRays,
     hits: RayHits | None,
     shown: RenderedRays | None,
-    places_of: PlacesOf,
+    points_of: MeshPointsOf,
 ) -> PrimaryHits:
     """Find where rays first meet the skin.
 
@@ -76,20 +76,20 @@ def primary_hits(
         rays: sampled.
         hits: of the rays with the avatar's surface; None: it has none.
         shown: the rays rendered, whose opacity tells which of two surfaces one shows; None: the nearer one.
-        places_of: as `SkinPlaces.of`.
+        points_of: as `MeshPoints.of`.
     """
     layers, directions = skin_layers(backend, hand), ray_directions(hand.camera, rays.pixel)
-    skin = layers.first if shown is None else layers.seen_by(shown, hand.camera.size_px)
+    skin = layers.first if shown is None else layers.visible_to(shown, hand.camera.size_px)
     position = ray_positions(hand, skin, rays.pixel, directions, rays.t, rays.dt, hits)
-    places = layers.places(hand, skin, rays.pixel, position, hits, places_of)
-    view, mesh_depth = normalize(directions, dim=-1), SkinDepth(layers.mesh.depth, layers.edge_m)
-    return PrimaryHits(hand, rays.pixel, view, position, places, mesh_depth, hits)
+    hit_points = layers.hit_points(hand, skin, rays.pixel, position, hits, points_of)
+    view, mesh_depth = normalize(directions, dim=-1), SurfaceDepth(layers.mesh.depth, layers.edge_m)
+    return PrimaryHits(hand, rays.pixel, view, position, hit_points, mesh_depth, hits)
 
 
-def skin_at_full_size(backend: ReferenceBackend, hand: HandInView, shown: RenderedRays | None) -> SkinDepth:
+def skin_at_full_size(backend: ReferenceBackend, hand: HandInView, shown: RenderedRays | None) -> SurfaceDepth:
     """Return the skin's depth in the image of twice the size; `shown` as in `primary_hits`."""
     layers = skin_layers(backend, at_full_size(hand))
-    return layers.first if shown is None else layers.seen_by(shown, hand.camera.size_px)
+    return layers.first if shown is None else layers.visible_to(shown, hand.camera.size_px)
 
 
 class SkinLayers(NamedTuple):
@@ -106,41 +106,41 @@ class SkinLayers(NamedTuple):
     edge_m: Tensor
 
     @property
-    def first(self) -> SkinDepth:
+    def first(self) -> SurfaceDepth:
         """Where rays first meet the skin: the mesh, but beside its outline the skin that may stand out of it."""
-        return SkinDepth(torch.where(self._stands_out, self.outer.depth, self.mesh.depth), self.edge_m)
+        return SurfaceDepth(torch.where(self._stands_out, self.outer.depth, self.mesh.depth), self.edge_m)
 
     @property
     def _stands_out(self) -> Tensor:
         """[P] whether skin may stand out of the mesh far before what is behind it."""
         return self.mesh.depth - self.outer.depth > self.edge_m
 
-    def places(
+    def hit_points(
         self,
         hand: HandInView,
-        skin: SkinDepth,
+        skin: SurfaceDepth,
         pixel: Int[Tensor, " R"],
         position: Float[Tensor, "R 3"],
         hits: RayHits | None = None,
-        places_of: PlacesOf = SkinPlaces.of,
-    ) -> SkinPlaces:
+        points_of: MeshPointsOf = MeshPoints.of,
+    ) -> MeshPoints:
         """Where rays lie on the mesh that meet the skin there.
 
         Args:
             hand: in the view of these layers.
-            skin: `first`, or as `seen_by` chose.
+            skin: `first`, or as `visible_to` chose.
             pixel: of the rays.
             position: as `ray_positions` gives them.
             hits: as there.
-            places_of: as `SkinPlaces.of`.
+            points_of: as `MeshPoints.of`.
         """
         is_of_mesh = skin.depth[pixel] == self.mesh.depth[pixel]
         face = torch.where(is_of_mesh, self.mesh.face[pixel], self.outer.face[pixel])
         if hits is not None:
             face = torch.where(hits.is_of_other_part(skin.depth[pixel], self.edge_m), -1, face)
-        return places_of(hand.mesh, hand.topology.faces, face, position)
+        return points_of(hand.mesh, hand.topology.faces, face, position)
 
-    def seen_by(self, rays: RenderedRays, size_px: tuple[int, int]) -> SkinDepth:
+    def visible_to(self, rays: RenderedRays, size_px: tuple[int, int]) -> SurfaceDepth:
         """The same, but behind what may stand out where the rays' opacity is rather there.
 
         A ray that passes a finger's outline shows the palm behind it, and has the palm's shadow.
@@ -170,8 +170,8 @@ def skin_layers(backend: ReferenceBackend, hand: HandInView) -> SkinLayers:
     return SkinLayers(of_mesh, of_outer, _EDGE_M * scale)
 
 
-def shows_alone(
-    shown: SkinDepth, depth: Float[Tensor, " R"], pixel: Int[Tensor, " R"], size_px: tuple[int, int]
+def is_off_edges(
+    shown: SurfaceDepth, depth: Float[Tensor, " R"], pixel: Int[Tensor, " R"], size_px: tuple[int, int]
 ) -> Bool[Tensor, " R"]:
     """Whether an image of a hand, in 3 x 3 pixels around a ray, shows nothing but the surface that the ray meets.
 
@@ -189,7 +189,7 @@ def shows_alone(
 
 def ray_positions(
     hand: HandInView,
-    skin: SkinDepth,
+    skin: SurfaceDepth,
     pixel: Tensor,
     directions: Float[Tensor, "R 3"],
     t: Float[Tensor, "R N"],
@@ -198,7 +198,7 @@ def ray_positions(
 ) -> Float[Tensor, "R 3"]:
     """Where rays first meet the skin, world, m; rays that only meet the shell: the middle of their samples.
 
-    That is on the mesh, of which shadows are cast, but where a known surface shows another part, on that surface.
+    That is on the mesh, of which shadows are cast, but where an avatar's surface shows another part, on that surface.
 
     Args:
         hand: posed, in the rays' view.
@@ -207,7 +207,7 @@ def ray_positions(
         directions: of depth 1.
         t: depth of the samples, m; only the first is read.
         dt: their step, m.
-        hits: of the rays with a known surface; None: none is known.
+        hits: of the rays with an avatar's surface; None: none is known.
     """
     depth, middle = skin.depth[pixel], t[:, 0] + 0.5 * (t.shape[1] - 1) * dt
     if hits is not None:
@@ -217,11 +217,11 @@ def ray_positions(
 
 
 def surface_points(
-    field: LitField,
+    field: RelightableField,
     gathered: Composite,
     position: Float[Tensor, "R 3"],
     view: Float[Tensor, "R 3"],
-    places: SkinPlaces,
+    hit_points: MeshPoints,
     hits: RayHits | None = None,
 ) -> SurfacePoints:
     """The points with the normals that were gathered along the rays.
@@ -231,17 +231,17 @@ def surface_points(
         gathered: along the rays.
         position: as `ray_positions` gives them.
         view: unit, of the rays.
-        places: on the mesh.
-        hits: of the rays with a known surface; None: none is known.
+        hit_points: on the mesh.
+        hits: of the rays with an avatar's surface; None: none is known.
     """
     normal, relief_normal = (normalize(values, dim=-1) for values in field.normals(mean_features(gathered)))
     normal = normal.detach()
     if hits is not None:
         normal = torch.where(hits.depth.isfinite()[:, None], hits.normal, normal)
-    return SurfacePoints(position, normal, relief_normal, view, places)
+    return SurfacePoints(position, normal, relief_normal, view, hit_points)
 
 
-class LampSkin(NamedTuple):
+class LampShadowCaster(NamedTuple):
     """The skin that casts the shadows of lamps, on itself.
 
     Attributes:
@@ -255,31 +255,31 @@ class LampSkin(NamedTuple):
     position: Tensor
 
 
-class LampSkins(NamedTuple):
+class LampShadowCasters(NamedTuple):
     """The skin that casts the shadows of hard lamps, and of soft ones."""
 
-    hard: LampSkin
-    soft: LampSkin
+    hard: LampShadowCaster
+    soft: LampShadowCaster
 
 
 class HitSurface(NamedTuple):
-    """A known surface, and where R rays meet it.
+    """An avatar's surface, and where R rays meet it.
 
     Attributes:
         mesh: posed.
         position: [R, 3] m, world; of rays that miss it, somewhere beside.
     """
 
-    mesh: FineMesh
+    mesh: DetailMesh
     position: Tensor
 
-    def lamp_skins(self, is_finest: bool) -> LampSkins:
+    def shadow_casters(self, is_finest: bool) -> LampShadowCasters:
         """A quarter of its faces with the corners where they are; for hard lamps all of them, if it is to be finest."""
-        soft = self.lamp_skin(self.mesh.coarse_faces)
-        return LampSkins(self.lamp_skin(self.mesh.faces) if is_finest else soft, soft)
+        soft = self.shadow_caster(self.mesh.coarse_faces)
+        return LampShadowCasters(self.shadow_caster(self.mesh.faces) if is_finest else soft, soft)
 
-    def lamp_skin(self, faces: Int[Tensor, "F 3"]) -> LampSkin:
+    def shadow_caster(self, faces: Int[Tensor, "F 3"]) -> LampShadowCaster:
         """These faces with their corners where they are on the surface; those are its first vertices."""
         count = int(faces.max()) + 1
         posed = PosedMesh(self.mesh.vertices[:count], self.mesh.normals[:count], self.mesh.scale)
-        return LampSkin(posed, faces, self.position)
+        return LampShadowCaster(posed, faces, self.position)

@@ -13,7 +13,7 @@ Training (`training.step`) takes the same stages with a loss at its end. It diff
 is explicit: in this module's calls, or an argument of the stage that is named. What each costs or gains in dB has not
 been measured; both ways are as they were when the shipped avatars were trained.
 
-- Frames add rays where the field misses the avatar's surface, and fill clear ones (`surface.clear_rays`).
+- Frames add rays where the field misses the avatar's surface, and fill clear ones (`surface.hole_filling`).
 - Of a ray beside an outline, frames ask its opacity which surface it shows (`shown` of `primary_hits` and of
   `skin_at_full_size`); training takes the nearer one, for it keeps places and shadows while opacities are learnt.
 - Pixels take light from rays at their own depth (`skin` of `RelightableNetworks.enlarged`): in frames at that of the
@@ -40,29 +40,29 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..compute.precision import Precision
-from ..field.relightable import LitField
+from ..field.relightable import RelightableField
 from ..field.sampler import SamplerConfig
 from ..image.decode import linear_frame
+from ..image.edge_avoiding_filter import RaySurfacePoints, smoothed_light
 from ..image.maps import depth_profile
-from ..image.relighting import LitImage, SkinDepth, doubled
-from ..image.surface_means import RayPlaces, smoothed_light
+from ..image.shading import ShadingInputs, SurfaceDepth, doubled
 from ..light.lamp_samples import LampSamples
-from ..light.light_samples import LightSamples
 from ..light.lighting import LightFeatures
+from ..light.samples import LightSamples
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light, Sky
 from ..records.shot import Shot
 from ..records.surface_mesh import SurfaceMesh
-from ..surface.clear_rays import completed, filled
-from ..surface.hairs import seen_hairs, with_hairs
+from ..surface.hairs import visible_hairs, with_hairs
+from ..surface.hole_filling import add_missing_rays, inpaint
 from .albedo import vertex_albedo
+from .avatar_surface import avatar_surface_of
 from .gbuffer import DecodedRays, GBuffer, RelightableNetworks, SurfaceLayer
-from .known_skin import skin_of
 from .light_visibility import NO_OCCLUDERS, LightVisibility, light_visibility, sky_shadows
 from .measured_light import AtRays, measured_at
 from .pipeline import Pipeline, PosedShot
 from .posed_surface import SurfaceInView, SurfacePoser
-from .primary_hits import LampSkins, PrimaryHits, primary_hits, skin_at_full_size
+from .primary_hits import LampShadowCasters, PrimaryHits, primary_hits, skin_at_full_size
 from .progress import RenderProgress
 
 _EVEN_SKY = Sky(np.ones((1, 1, 3)))
@@ -108,8 +108,8 @@ class RelightablePipeline(Pipeline):
             surface = None if self.surface is None else self.surface.posed(posed.shot, posed.hand)
             rays = self.rays(posed.hand if surface is None else surface.met(posed.hand), conditions, progress)
             progress.begin("light")
-            rays, hits = (rays, None) if surface is None else completed(rays, surface.hits)
-            met = primary_hits(self.backend, posed.hand, rays, hits, rays, self.backend.skin_places)
+            rays, hits = (rays, None) if surface is None else add_missing_rays(rays, surface.hits)
+            met = primary_hits(self.backend, posed.hand, rays, hits, rays, self.backend.mesh_points)
             sky_visibility = sky_shadows(self.backend, met.hand, NO_OCCLUDERS.to(self.device), met.position)
             progress.begin("field")
             networks = self._networks_of(posed.shot, progress)
@@ -129,26 +129,26 @@ class RelightablePipeline(Pipeline):
         """Cast the shadows of a light."""
         samples = LightSamples.of(light, gbuffer.bounds)
         # Light that the hand sheds on itself is soft whatever its shadows.
-        at_probes = LampSamples.of(light.lamps, gbuffer.bounds) if light.penumbra == "fine" else None
+        at_probes = LampSamples.of(light.lamps, gbuffer.bounds) if light.shadow_quality == "fine" else None
         hand, position, albedo = gbuffer.met.hand, gbuffer.met.position, gbuffer.albedo
         given = samples, position, gbuffer.sky_visibility, albedo, at_probes, _lamp_skins(gbuffer, light)
         return light_visibility(self.backend, hand, light, *given)
 
     def features(self, gbuffer: GBuffer, visibility: LightVisibility, light: Light) -> LightFeatures:
         """Return what the light does at the rays' points, smoothed over neighbours on the same surface."""
-        hand, points, means = gbuffer.met.hand, gbuffer.points, self.backend.surface_means
-        places = RayPlaces.of(points, gbuffer.met.pixel, hand.camera.size_px, hand.mesh.scale)
-        features = smoothed_light(visibility.features(points, self.backend), places, means)
+        hand, points, means = gbuffer.met.hand, gbuffer.points, self.backend.edge_avoiding_mean
+        hit_points = RaySurfacePoints.of(points, gbuffer.met.pixel, hand.camera.size_px, hand.mesh.scale)
+        features = smoothed_light(visibility.features(points, self.backend), hit_points, means)
         if light.measured is None:
             return features
         direct, indirect = measured_at(light.measured, gbuffer.crop, gbuffer.met.pixel, gbuffer.shot.camera.size_px)
-        at_rays = AtRays(gbuffer.is_measured(light.measured), places, means)
+        at_rays = AtRays(gbuffer.is_measured(light.measured), hit_points, means)
         return at_rays.corrected(features, points.normal, direct, indirect)
 
     def colours(self, gbuffer: GBuffer, features: LightFeatures) -> Float[Tensor, "3 H W"]:
         """Return scene-linear colours of the crop's skin, premultiplied by alpha."""
         image, met = gbuffer.image, gbuffer.met
-        colours = self.backend.relit(image, features, met.pixel, met.hand.camera.size_px)
+        colours = self.backend.shade_image(image, features, met.pixel, met.hand.camera.size_px)
         if gbuffer.layer is None:
             return colours
         return self.backend.blended(colours, image.alpha, image.depth, gbuffer.layer.edges)
@@ -188,29 +188,29 @@ class RelightablePipeline(Pipeline):
     @cached_property
     def surface(self) -> SurfacePoser | None:
         """The avatar's surface; None: it has none, or it is not wanted."""
-        skin = skin_of(self.avatar, self.device) if self.has_skin_detail else None
+        skin = avatar_surface_of(self.avatar, self.device) if self.has_skin_detail else None
         return None if skin is None else SurfacePoser(skin, self.hand, self.device, self.backend)
 
     def _on_surface(
         self, met: PrimaryHits, surface: SurfaceInView, rays: DecodedRays, networks: RelightableNetworks
-    ) -> tuple[LitImage, SurfaceLayer]:
+    ) -> tuple[ShadingInputs, SurfaceLayer]:
         """The image with the outline and the detail of the avatar's surface, and that."""
         full, edge_m = doubled(met.hand.camera), met.mesh_depth.edge_m
         assert met.hits is not None
-        rays = rays._replace(low=filled(rays.low, met.pixel, met.hand.camera.size_px, met.hits, edge_m))
-        seen = self.backend.seen_surface(surface.mesh, full)
-        image = networks.enlarged(met, rays, SkinDepth(seen.depth, edge_m))
+        rays = rays._replace(low=inpaint(rays.low, met.pixel, met.hand.camera.size_px, met.hits, edge_m))
+        seen = self.backend.visible_surface(surface.mesh, full)
+        image = networks.enlarged(met, rays, SurfaceDepth(seen.depth, edge_m))
         image = self.backend.detailed_image(image, seen, surface.mesh, full, surface.maps)
-        hairs = None if surface.hairs is None else seen_hairs(surface.hairs, full, image.depth, met.pixel)
+        hairs = None if surface.hairs is None else visible_hairs(surface.hairs, full, image.depth, met.pixel)
         return image, SurfaceLayer(
-            met.on_surface(surface.mesh), SkinDepth(surface.hits.depth, edge_m), seen.edges, hairs
+            met.on_surface(surface.mesh), SurfaceDepth(surface.hits.depth, edge_m), seen.edges, hairs
         )
 
     def _networks_of(self, shot: Shot, progress: RenderProgress) -> RelightableNetworks:
         precision = self.precision_of(shot)
         if precision not in self._networks:
             field, superres = self.field, self.copied(self.avatar.superres)
-            assert isinstance(field, LitField)
+            assert isinstance(field, RelightableField)
             self._networks[precision] = RelightableNetworks.of(field, superres, self.backend, precision)
         networks = self._networks[precision]
         return replace(networks, superres=progress.cancellable(networks.superres))
@@ -233,11 +233,11 @@ class RelightablePipeline(Pipeline):
         return _Last()
 
 
-def _lamp_skins(gbuffer: GBuffer, light: Light) -> LampSkins | None:
+def _lamp_skins(gbuffer: GBuffer, light: Light) -> LampShadowCasters | None:
     """The skins that cast lamps' shadows; of what moves, the mesh's own faces, with their corners on the surface."""
     if gbuffer.layer is None:
         return None
     if gbuffer.shot.quality == "final":
-        return gbuffer.layer.hit.lamp_skins(light.penumbra == "fine")
-    rough = gbuffer.layer.hit.lamp_skin(gbuffer.met.hand.topology.faces)
-    return LampSkins(rough, rough)
+        return gbuffer.layer.hit.shadow_casters(light.shadow_quality == "fine")
+    rough = gbuffer.layer.hit.shadow_caster(gbuffer.met.hand.topology.faces)
+    return LampShadowCasters(rough, rough)

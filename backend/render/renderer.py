@@ -16,7 +16,7 @@ import torch
 from ..avatars.avatar import Avatar
 from ..compute.precision import Precision
 from ..compute.reference import ReferenceBackend
-from ..field.relightable import LitField
+from ..field.relightable import RelightableField
 from ..field.sampler import SamplerConfig
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError
@@ -41,7 +41,7 @@ class Renderer:
         device: as `rendering_device` takes it.
         precision: of the networks; geometry is always fp32.
         backend: computes the costly stages; None: the best one for the device.
-        has_skin_detail: whether outline, normals and detail are the skin's own, where it is known (`known_skin`).
+        has_skin_detail: whether outline, normals and detail are the skin's own, where it is known (`avatar_surface`).
 
     Raises:
         LiveHandError: the avatar belongs to another hand model, or the device is not available.
@@ -87,7 +87,7 @@ class Renderer:
     def pipeline(self) -> BakedPipeline | RelightablePipeline:
         """The way of this avatar from a shot to a frame."""
         given = self.avatar, self.hand, self.torch_device, self.precision, self._backend
-        if isinstance(self.avatar.field, LitField):
+        if isinstance(self.avatar.field, RelightableField):
             return RelightablePipeline(*given, self.has_skin_detail)
         return BakedPipeline(*given)
 
@@ -107,7 +107,7 @@ class Renderer:
     @property
     def is_relightable(self) -> bool:
         """Whether frames depend on the shot's light."""
-        return isinstance(self.avatar.field, LitField)
+        return isinstance(self.avatar.field, RelightableField)
 
     @property
     def mean_albedo(self) -> np.ndarray | None:

@@ -15,8 +15,8 @@ from typing import Literal, TypeVar
 from ..hand.model import HandModel
 from ..hand.model_file import load_hand_model
 from ..records.errors import LiveHandError
+from ..system.packages import load_torch_libraries
 from ..system.thread_limits import allow_cpu_for_mps, limit_spinning
-from ..system.torch_libraries import load_torch_libraries
 from .frame_queue import FrameQueue
 from .frame_task import HandRenderer
 

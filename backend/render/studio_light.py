@@ -16,4 +16,4 @@ def studio_light() -> Light:
     towards /= np.linalg.norm(towards)
     size_m = (_KEY_SIZE_M, _KEY_SIZE_M)
     key = Lamp("area", np.full(3, _KEY_W), _KEY_M * towards, rotation_facing(towards), size_m=size_m)
-    return Light((key,), Sky(np.full((2, 4, 3), _SKY)), penumbra="fine")
+    return Light((key,), Sky(np.full((2, 4, 3), _SKY)), shadow_quality="fine")

@@ -51,7 +51,7 @@ def surface_maps(shot: Shot, hand: HandModel, motion: np.ndarray | None = None) 
         motion = np.zeros((len(shot.vertices), 4))
     hand = hand.for_side(shot.pose.side)
     vertices, faces = torch.as_tensor(shot.vertices, dtype=torch.float32), torch.as_tensor(hand.f)
-    seen, size_px = _SeenSurface.of(shot, vertices, faces), shot.camera.size_px
+    seen, size_px = _VisiblePoints.of(shot, vertices, faces), shot.camera.size_px
     corners = faces[seen.face]
     normals = _blend(seen.weights, vertex_normals(vertices, faces)[corners])
     uv = _blend(seen.weights, torch.as_tensor(hand.vt[hand.ft], dtype=torch.float32)[seen.face])
@@ -70,7 +70,7 @@ def vertex_map(shot: Shot, hand: HandModel, values: np.ndarray) -> np.ndarray:
     """[H, W] values [V] of the vertices at pixel centres, on the mesh's nearest front face; NaN beside the mesh."""
     vertices = torch.as_tensor(shot.vertices, dtype=torch.float32)
     faces = torch.as_tensor(hand.for_side(shot.pose.side).f)
-    seen = _SeenSurface.of(shot, vertices, faces)
+    seen = _VisiblePoints.of(shot, vertices, faces)
     of_corners = torch.as_tensor(values, dtype=torch.float32)[faces[seen.face]][..., None]
     return _image(_blend(seen.weights, of_corners), seen.pixel, shot.camera.size_px, np.nan)[..., 0]
 
@@ -87,7 +87,7 @@ def nearest_maps(maps: list[SurfaceMaps]) -> SurfaceMaps:
     return first
 
 
-class _SeenSurface(NamedTuple):
+class _VisiblePoints(NamedTuple):
     """What K pixels see of a mesh: indices of pixel and face, depth in m, points [K, 3] in the world, barycentric."""
 
     pixel: torch.Tensor
@@ -97,7 +97,7 @@ class _SeenSurface(NamedTuple):
     weights: torch.Tensor
 
     @classmethod
-    def of(cls, shot: Shot, vertices: torch.Tensor, faces: torch.Tensor) -> _SeenSurface:
+    def of(cls, shot: Shot, vertices: torch.Tensor, faces: torch.Tensor) -> _VisiblePoints:
         view = camera_tensors(shot.camera, "cpu")
         hits = rasterise(*project(view, vertices), faces, view.size_px)
         pixel, hit = _nearest_fronts(hits)

@@ -64,18 +64,18 @@ class JointGuess:
         return JointMap(self.side, self.bones, self.tips, self.forearm)
 
 
-def guess_joints(skeleton: SourceSkeleton, side: Side | None = None, is_told: bool = False) -> JointGuess:
+def guess_joints(skeleton: SourceSkeleton, side: Side | None = None, is_determined: bool = False) -> JointGuess:
     """Guess the bones of one hand.
 
     Args:
         skeleton: of a hand or of a whole body.
         side: of the hand; None takes the hand with more bones found, of equals the right one.
-        is_told: the user has told the side: bones whose names tell none are of it, if no others are, even if the rest
-            pose seems to be the other's.
+        is_determined: the user has chosen the side: bones whose names tell none are of it, if no others are, even if
+            the rest pose seems to be the other's.
     """
     guesses = [guess for wanted in SIDES if (guess := _guess(skeleton, wanted)) and side in (None, wanted)]
-    if side and is_told and not guesses and (told := _by_names(skeleton, side, is_told=True)):
-        guesses = [told]
+    if side and is_determined and not guesses and (reported := _by_names(skeleton, side, is_determined=True)):
+        guesses = [reported]
     empty = JointGuess(side or "right", (None,) * 16, (None,) * 5)
     return min(guesses, key=lambda guess: len(guess.missing), default=empty)
 
@@ -100,7 +100,7 @@ def _agrees(guess: JointGuess) -> bool:
     return True
 
 
-def _by_names(skeleton: SourceSkeleton, side: Side, is_told: bool = False) -> JointGuess | None:
+def _by_names(skeleton: SourceSkeleton, side: Side, is_determined: bool = False) -> JointGuess | None:
     names = [parse_bone_name(name) for name in skeleton.names]
     sides = _sides(skeleton, names)
     guesses = []
@@ -108,7 +108,7 @@ def _by_names(skeleton: SourceSkeleton, side: Side, is_told: bool = False) -> Jo
         for layer in _LAYERS:
             of_hand = {k: name for k, name in enumerate(names) if name and name.layer == layer and sides[k] == own}
             guess = _named_hand(skeleton, of_hand, side)
-            if own is not None or is_told or _may_be(skeleton, guess, side):
+            if own is not None or is_determined or _may_be(skeleton, guess, side):
                 guesses.append(guess)
     best = min(guesses, key=lambda guess: len(guess.missing))
     return best if len(best.missing) < 15 else None

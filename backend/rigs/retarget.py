@@ -74,10 +74,10 @@ def retarget(source: SourceMotion, alignment: RestAlignment) -> HandMotion:
     nodes, ends = source.nodes, source.ends
     if nodes is None or ends is None:
         return motion
-    return more_natural(alignment.model, motion, lambda: _by_places(source, nodes, ends, alignment))
+    return more_natural(alignment.model, motion, lambda: _by_positions(source, nodes, ends, alignment))
 
 
-def _by_places(source: SourceMotion, nodes: np.ndarray, ends: np.ndarray, alignment: RestAlignment) -> HandMotion:
+def _by_positions(source: SourceMotion, nodes: np.ndarray, ends: np.ndarray, alignment: RestAlignment) -> HandMotion:
     """Compute the motion from the joints' places alone."""
     nodes = _with_tips(nodes, ends)
     hand = HandAtRest.of(alignment.model, alignment.shape)

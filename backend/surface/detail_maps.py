@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import conv2d, interpolate, pad
 
-from .detail_maps_file import ATLAS_MM, COARSEST_MM, SkinDetail, SkinMaps
+from .detail_maps_file import ATLAS_MM, COARSEST_MM, SkinMaps, SurfaceDetail
 
 DORSAL_MM, PALMAR_MM = 0.36, 0.55
 """Depth of folds and creases at their deepest, straight and half bent."""
@@ -85,7 +85,7 @@ class DetailMaps(NamedTuple):
     sharpness: tuple[float, ...]
 
     @classmethod
-    def of(cls, detail: SkinDetail, look: SkinLook, device: torch.device | str = "cpu") -> DetailMaps:
+    def of(cls, detail: SurfaceDetail, look: SkinLook, device: torch.device | str = "cpu") -> DetailMaps:
         """The maps of a person.
 
         Args:

@@ -28,7 +28,7 @@ _KNUCKLES, _PALM_SHARE, _MOST_FLEX = (1, 4, 7, 10), 0.6, 1.3
 
 
 @dataclass(frozen=True)
-class SkinBend:
+class SkinFlexion:
     """How a pose bends the skin.
 
     Attributes:
@@ -64,7 +64,7 @@ class SkinMaps:
 
 
 @dataclass(frozen=True)
-class SkinDetail:
+class SurfaceDetail:
     """The skin's detail by its size.
 
     Attributes:
@@ -72,7 +72,7 @@ class SkinDetail:
         coarse: what lies between that and `WIDEST_MM`.
         nail: [N / 4, N / 4] 1 on nails, 0 on skin.
         roughness: [N / 4, N / 4] of the skin's gloss; Blender's, the square root of the microfacets' alpha.
-        unresolved: [2, N / 2, N / 2] slopes along u and v that the fine surface's normals lack, m a m
+        unresolved: [2, N / 2, N / 2] slopes along u and v that the detail surface's normals lack, m a m
             (`builtin/unresolved_slopes.py`).
         bend: which folds follow.
     """
@@ -82,24 +82,24 @@ class SkinDetail:
     nail: np.ndarray
     roughness: np.ndarray
     unresolved: np.ndarray
-    bend: SkinBend
+    bend: SkinFlexion
 
 
-def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
+def load_surface_detail(hand_sha256: str) -> SurfaceDetail | None:
     """The detail of the base surface of a built-in hand; None: this hand has none."""
     arrays = base_arrays(SURFACE_FILE, FINE_FILE, COARSE_FILE) if has_base(hand_sha256) else None
     return None if arrays is None else skin_detail_of(arrays)
 
 
-def skin_detail_of(arrays: Mapping[str, np.ndarray]) -> SkinDetail:
+def skin_detail_of(arrays: Mapping[str, np.ndarray]) -> SurfaceDetail:
     """The detail of a surface's arrays (`stored_surface.ARRAYS`)."""
-    return SkinDetail(
+    return SurfaceDetail(
         fine=_maps(arrays, "fine"),
         coarse=_maps(arrays, "coarse"),
         nail=arrays["nail"] * np.float32(NAIL_STEP),
         roughness=arrays["roughness"] * np.float32(ROUGHNESS_STEP),
         unresolved=arrays["unresolved"] * np.float32(SLOPE_STEP),
-        bend=SkinBend(arrays["bend/joint"].astype(int), arrays["flexion"]),
+        bend=SkinFlexion(arrays["bend/joint"].astype(int), arrays["flexion"]),
     )
 
 

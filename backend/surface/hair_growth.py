@@ -42,7 +42,7 @@ REGIONS = {
 
 
 class Hairs(NamedTuple):
-    """N hairs on the fine surface, in an order in which the first of them are as good a sample as all.
+    """N hairs on the detail surface, in an order in which the first of them are as good a sample as all.
 
     A hair is the curve root + t * rise + t^2 * bend, t from 0 to 1; both are in the axes of its face: two sides from
     its first corner, and its normal in metres. So they stand on the left hand's surface, whose vertices are the same.
@@ -66,8 +66,8 @@ class Hairs(NamedTuple):
         return Hairs(*(values[:count] for values in self))
 
 
-class HairySkin(NamedTuple):
-    """The fine surface of the right hand at rest.
+class HairGround(NamedTuple):
+    """The detail surface of the right hand at rest.
 
     Attributes:
         vertices, normals: [V, 3] template metres.
@@ -91,7 +91,7 @@ class HairGrowth(NamedTuple):
     regions: Mapping[str, HairRegion]
 
 
-def grown_hairs(skin: HairySkin, growth: HairGrowth) -> Hairs:
+def grown_hairs(skin: HairGround, growth: HairGrowth) -> Hairs:
     """Grow the hairs of a hand; they are the same each time."""
     random, corners = np.random.default_rng(SEED), skin.vertices[skin.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -105,13 +105,13 @@ def grown_hairs(skin: HairySkin, growth: HairGrowth) -> Hairs:
     return Hairs(*(np.concatenate(columns)[order] for columns in zip(*parts, strict=True)))
 
 
-def _hairs_on(skin: HairySkin, face: np.ndarray, region: HairRegion, random: np.random.Generator) -> Hairs:
+def _hairs_on(skin: HairGround, face: np.ndarray, region: HairRegion, random: np.random.Generator) -> Hairs:
     """Hairs of a region on these faces, one on each."""
     count = len(face)
     u, v = np.sort(random.random((2, count)), 0)
     weights = np.stack([u, v - u, 1 - v], 1)
     corners = skin.faces[face]
-    places, normal = skin.vertices[corners], (skin.normals[corners] * weights[..., None]).sum(1)
+    corner_points, normal = skin.vertices[corners], (skin.normals[corners] * weights[..., None]).sum(1)
     normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
     lie = np.array(_DISTAL) + region.ulnar * np.array(_ULNAR)
     lie = lie - normal * (normal @ lie)[:, None]
@@ -124,6 +124,6 @@ def _hairs_on(skin: HairySkin, face: np.ndarray, region: HairRegion, random: np.
     up = region.rise * random.uniform(0.6, 1.4, count)[:, None]
     rise = length_m * (np.sqrt(1 - up**2) * forth + up * normal)
     curve = length_m * (0.5 * bend[:, None] * across - 0.75 * up * normal)
-    axes = np.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0], normal], -1)
+    axes = np.stack([corner_points[:, 1] - corner_points[:, 0], corner_points[:, 2] - corner_points[:, 0], normal], -1)
     rise, bend = (np.linalg.solve(axes, way[..., None])[..., 0] for way in (rise, curve))
     return Hairs(corners, weights, rise, bend, region.radius_m * random.uniform(0.7, 1.2, count))

@@ -1,4 +1,4 @@
-"""Hairs on a lit image: thin curves on the fine surface (`surface.hair_growth`), drawn over the skin in its light.
+"""Hairs on a lit image: thin curves on the detail surface (`surface.hair_growth`), drawn over the skin in its light.
 
 A hair is far thinner than a pixel: pixels take of it the area that it covers. It is lit as a fibre: as a diffuse
 cylinder (Kajiya and Kay 1989), whose surface mirrors a cone of light (the R lobe of Marschner et al. 2003, normalised
@@ -19,9 +19,9 @@ from torch.nn.functional import normalize
 from ..field.rays import CameraTensors, project, ray_origin
 from ..geometry.tolerances import NEAR_M
 from ..image.maps import ray_of_pixel
-from ..image.relighting import ray_rows, with_ray_rows
+from ..image.shading import ray_rows, with_ray_rows
 from ..light.lighting import LightFeatures, sky_on
-from .fine_mesh import FineMesh, blend_corners
+from .detail_mesh import DetailMesh, blend_corners
 from .hair_growth import Hairs
 
 SEGMENTS = 6
@@ -60,24 +60,27 @@ class PosedHairs(NamedTuple):
     behind_m: Tensor
 
     @classmethod
-    def of(cls, hairs: Hairs, mesh: FineMesh, albedo: tuple[float, ...]) -> PosedHairs:
+    def of(cls, hairs: Hairs, mesh: DetailMesh, albedo: tuple[float, ...]) -> PosedHairs:
         """The hairs on a posed surface."""
 
         def own(values: np.ndarray) -> Tensor:
             return torch.as_tensor(values).to(mesh.vertices)
 
         corners = torch.as_tensor(hairs.corners, device=mesh.faces.device)
-        weights, places = own(hairs.weights), mesh.vertices[corners]
+        weights, corner_points = own(hairs.weights), mesh.vertices[corners]
         normal = normalize(blend_corners(mesh.normals[corners], weights), dim=-1)
-        axes = torch.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0], mesh.scale * normal], 1)
+        axes = torch.stack(
+            [corner_points[:, 1] - corner_points[:, 0], corner_points[:, 2] - corner_points[:, 0], mesh.scale * normal],
+            1,
+        )
         rise, bend = ((own(way)[..., None] * axes).sum(1)[:, None] for way in (hairs.rise, hairs.bend))
         t = torch.linspace(0, 1, SEGMENTS + 1, device=axes.device)[:, None]
-        points = blend_corners(places, weights)[:, None] + t * rise + t * t * bend
+        points = blend_corners(corner_points, weights)[:, None] + t * rise + t * t * bend
         radius_m = mesh.scale * own(hairs.radius_m)
         return cls(points, normal, radius_m, points.new_tensor(albedo), ABOVE_SKIN_M * mesh.scale)
 
 
-class SeenHairs(NamedTuple):
+class VisibleHairs(NamedTuple):
     """What an image of H x W pixels shows of G pieces of hairs, in no light.
 
     Attributes:
@@ -107,9 +110,9 @@ def hair_albedo(melanin: float) -> tuple[float, ...]:
     return tuple((light + min(melanin, 1.0) * (deep - light)).tolist())
 
 
-def seen_hairs(
+def visible_hairs(
     hairs: PosedHairs, camera: CameraTensors, depth: Float[Tensor, "H W"], ray_pixel: Int[Tensor, " R"]
-) -> SeenHairs:
+) -> VisibleHairs:
     """What an image shows of hairs.
 
     Args:
@@ -120,8 +123,8 @@ def seen_hairs(
     """
     place_px, place_depth = project(camera, hairs.points)
     half_px = camera.size_px[0] // 2, camera.size_px[1] // 2
-    ray = _at_places(ray_of_pixel(ray_pixel, half_px[0] * half_px[1]), place_px[:, 0] / 2, half_px, -1)
-    skin_depth = _at_places(depth.flatten(), place_px, camera.size_px, -torch.inf)
+    ray = _at_points(ray_of_pixel(ray_pixel, half_px[0] * half_px[1]), place_px[:, 0] / 2, half_px, -1)
+    skin_depth = _at_points(depth.flatten(), place_px, camera.size_px, -torch.inf)
     shown = (ray >= 0) & (place_depth > NEAR_M).all(1) & (place_depth - hairs.behind_m <= skin_depth).any(1)
     points, ray = hairs.points[shown], ray[shown]
     drawn = _drawn(points, hairs.radius_m[shown], camera)
@@ -133,7 +136,7 @@ def seen_hairs(
         0, pixel[seen].flatten(), drawn.depth[seen].repeat_interleave(pixel.shape[1]), "amin"
     )
     middle = 0.5 * (points[:, :-1] + points[:, 1:]).flatten(0, 1)
-    return SeenHairs(
+    return VisibleHairs(
         piece=drawn.piece[seen],
         pixel=pixel[seen],
         area=area[seen],
@@ -149,7 +152,7 @@ def seen_hairs(
 def with_hairs(
     colours: Float[Tensor, "3 H W"],
     alpha: Float[Tensor, "H W"],
-    seen: SeenHairs,
+    seen: VisibleHairs,
     features: LightFeatures,
 ) -> tuple[Float[Tensor, "3 H W"], Float[Tensor, "H W"]]:
     """Colours and alpha with hairs over them.
@@ -235,7 +238,7 @@ def _drawn(points: Float[Tensor, "N S 3"], radius_m: Float[Tensor, " N"], camera
     return _DrawnPoints(piece, place_at.flatten(0, 2), (width_px * length_px / count).flatten(), depth_at.flatten())
 
 
-def _at_places(
+def _at_points(
     image: Shaped[Tensor, " P"], place_px: Float[Tensor, "*n 2"], size_px: tuple[int, int], besides: int | float
 ) -> Shaped[Tensor, "*n"]:
     """The pixel of an image in which each place lies."""

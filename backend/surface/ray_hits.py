@@ -1,4 +1,4 @@
-"""Where rays meet a known fine surface: light falls on its normals, and on the part of the hand that it shows."""
+"""Where rays meet an avatar's surface: light falls on its normals, and on the part of the hand that it shows."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from ..field.rays import CameraTensors, project, ray_origin
-from .fine_mesh import FineMesh, barycentric, blend_corners, first_fronts
+from .detail_mesh import DetailMesh, barycentric, blend_corners, first_fronts
 
 _SAME_PART = 0.5  # of the depth by which two surfaces differ; held-out views like 1 and 0.25 less
 
@@ -29,11 +29,11 @@ class RayHits(NamedTuple):
     def is_of_other_part(self, depth: Float[Tensor, " R"], edge_m: Float[Tensor, ""]) -> Bool[Tensor, " R"]:
         """Whether a surface at this depth is another part of the hand than the one that the rays meet.
 
-        A mesh of few faces ends beside the fine surface, and there shows what lies behind or beside it.
+        A mesh of few faces ends beside the detail surface, and there shows what lies behind or beside it.
 
         Args:
             depth: m.
-            edge_m: as in `SkinDepth`.
+            edge_m: as in `SurfaceDepth`.
         """
         return self.depth.isfinite() & ((self.depth - depth).abs() > _SAME_PART * edge_m)
 
@@ -51,7 +51,7 @@ class RayHits(NamedTuple):
         return torch.where(meets, ray_origin(camera) + self.depth[:, None] * directions, beside)
 
 
-def ray_hits(mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:
+def ray_hits(mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:
     """Where rays through the centres of pixels first meet the front of a posed surface."""
     fronts = first_fronts(mesh, *project(camera, mesh.vertices), camera)
     meets = (fronts.face[pixel] >= 0).nonzero()[:, 0]

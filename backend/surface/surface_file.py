@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ..records.errors import LiveHandError
-from ..system.atomic_file import replacing
-from ..system.json_file import parse_json
-from ..system.npz_file import npz_bytes, read_npz
+from ..system.files import replacing
+from ..system.readers import npz_bytes, parse_json, read_npz
 from .base_surface import check_base
 from .stored_surface import StoredSurface, stored_surface
 

@@ -1,4 +1,4 @@
-"""The commands of the `livehand` program, and how they run: parse, call, print.
+"""Commands: how each one runs, prints and fails.
 
 Exit codes: 0 done, 1 a `LiveHandError` (its message on stderr, no traceback), 2 wrong usage, 3 with `--strict` what was
 there before is of another version, 130 interrupted, by Ctrl-C, SIGTERM or SIGHUP. With `--json` the last line of stdout
@@ -9,18 +9,62 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import ctypes
 import json
+import os
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from ..records.errors import LiveHandError
 from .memory import memory_message
-from .signals import stopping_as_at_ctrl_c
-from .stdout import print_nowhere
+from .processes import stopping_as_at_ctrl_c
 from .thread_limits import allow_cpu_for_mps, limit_spinning
+
+
+@contextlib.contextmanager
+def blender_silenced() -> Generator[None, None, None]:
+    """Inside the context, nothing reaches stdout, such as Blender's `Fra:1 Mem:...`; stderr is not changed.
+
+    C code writes most of that to file descriptor 1; operators report to Python's `sys.stdout`.
+    """
+    sys.stdout.flush()
+    _flush_c()
+    terminal = os.dup(1)
+    try:
+        with open(os.devnull, "w", encoding="utf-8") as nowhere, contextlib.redirect_stdout(nowhere):
+            os.dup2(nowhere.fileno(), 1)
+            yield
+    finally:
+        _flush_c()  # else C would print its buffer at exit
+        os.dup2(terminal, 1)
+        os.close(terminal)
+
+
+def open_standard_streams() -> None:
+    """Open those that the parent closed. Else files that are opened would take their places, and get C's messages."""
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_RDWR), descriptor)
+    for descriptor, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(descriptor, "w", encoding="utf-8", closefd=False))
+
+
+def print_nowhere() -> None:
+    """Let all that is printed from now on vanish, C's messages too."""
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+
+
+def _flush_c() -> None:
+    with contextlib.suppress(OSError, TypeError, AttributeError):  # Windows: no such handle on the C library
+        ctypes.CDLL(None).fflush(None)
+
 
 OK, FAILED, USAGE, OTHER_VERSION, INTERRUPTED = 0, 1, 2, 3, 130
 

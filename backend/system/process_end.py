@@ -13,8 +13,7 @@ import sys
 from collections.abc import Callable
 from typing import NoReturn
 
-from .command import FAILED, INTERRUPTED, OK
-from .stdout import open_standard_streams
+from .command import FAILED, INTERRUPTED, OK, open_standard_streams
 
 
 def run_process(main: Callable[[], int]) -> NoReturn:

@@ -15,7 +15,7 @@ import numpy as np
 from ..hand.gestures import FingerAxes
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError
-from ..surface.raised_skin import PoseForm, RaisedSkin
+from ..surface.detail_surface import PoseDisplacement, PoseForm
 from .dependencies import needs
 from .forearm import FOREARM_MM, STUMP_MM
 from .frames import build_to_template, swap_distal, template_to_build
@@ -64,9 +64,9 @@ class DetailedSurface:
     forms: tuple[PoseForm, ...]
 
     @property
-    def raised(self) -> RaisedSkin:
+    def raised(self) -> PoseDisplacement:
         """Veins and forms of the pose."""
-        return RaisedSkin(self.forms, self.masks["vein"], self.flex_axis)
+        return PoseDisplacement(self.forms, self.masks["vein"], self.flex_axis)
 
     def relief_m(self, theta: np.ndarray, veins_mm: float = 0.0, forearm: np.ndarray | None = None) -> np.ndarray:
         """Compute [N, 3] offsets at rest, m, of what the pose theta [16, 3] rad raises, and of veins of this height.

@@ -67,11 +67,11 @@ def arm_weights(vertices: np.ndarray, wrist_weights: np.ndarray) -> np.ndarray:
 def squeezed_for_atlas(vertices: np.ndarray) -> np.ndarray:
     """Shrink the forearm of vertices [V, 3] (build frame) to half its size, so that the atlas gives it less room."""
     beyond = np.maximum(vertices[:, 0] - ARM_FROM_MM, 0)
-    places = np.linspace(0, FOREARM_MM, 512)
-    scale = 1 - (1 - _ATLAS_SCALE) * smoothstep(places, 0, _ATLAS_BLEND_MM)
-    length = np.concatenate([[0], np.cumsum((scale[1:] + scale[:-1]) / 2 * np.diff(places))])
-    along = vertices[:, 0] - beyond + np.interp(beyond, places, length)
-    return np.column_stack([along, vertices[:, 1:] * np.interp(beyond, places, scale)[:, None]])
+    points = np.linspace(0, FOREARM_MM, 512)
+    scale = 1 - (1 - _ATLAS_SCALE) * smoothstep(points, 0, _ATLAS_BLEND_MM)
+    length = np.concatenate([[0], np.cumsum((scale[1:] + scale[:-1]) / 2 * np.diff(points))])
+    along = vertices[:, 0] - beyond + np.interp(beyond, points, length)
+    return np.column_stack([along, vertices[:, 1:] * np.interp(beyond, points, scale)[:, None]])
 
 
 def _forearm_distance(points: np.ndarray) -> np.ndarray:

@@ -88,11 +88,11 @@ def _samples(line: SkinLine) -> np.ndarray:
     """Return [P, 2] on a cubic spline through the line's points, moved sideways by a sum of three waves."""
     knots = np.array(line.points, dtype=float)
     lengths = np.r_[0, np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))]
-    places = np.arange(0, lengths[-1], _STEP)
-    curve = CubicSpline(lengths, knots)(places)
+    points = np.arange(0, lengths[-1], _STEP)
+    curve = CubicSpline(lengths, knots)(points)
     phases = np.random.default_rng(line.seed).uniform(0, 6.28, len(_WAVELENGTHS))
-    offset = np.zeros_like(places)
+    offset = np.zeros_like(points)
     for wavelength, phase in zip(_WAVELENGTHS, phases, strict=True):
-        offset += np.sin(2 * np.pi * places / wavelength + phase) * line.wiggle * wavelength / _WAVELENGTHS[-1]
+        offset += np.sin(2 * np.pi * points / wavelength + phase) * line.wiggle * wavelength / _WAVELENGTHS[-1]
     tangent = unit(np.gradient(curve, axis=0))
     return curve + np.stack([-tangent[:, 1], tangent[:, 0]], 1) * offset[:, None]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..surface.raised_skin import PoseForm
+from ..surface.detail_surface import PoseForm
 from .anatomy import DIGITS, FINGER_THICKNESS
 from .rays import Ray, RayCoordinates, Section
 from .smooth import bump, smoothstep

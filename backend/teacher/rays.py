@@ -208,9 +208,9 @@ def _centreline(skeleton: _Skeleton, ends: np.ndarray) -> tuple[np.ndarray, np.n
     """Place the samples along the ray; the rounded polyline, its tangent and its dorsal direction there."""
     points = skeleton.points
     last = unit(points[-1] - points[-2])
-    places = np.r_[ends, ends[-1] + _EXTENSION]
-    samples = np.arange(places[0], places[-1], _STEP)
-    centre = _interpolate(samples, places, np.vstack([points, points[-1] + last * _EXTENSION]))
+    positions = np.r_[ends, ends[-1] + _EXTENSION]
+    samples = np.arange(positions[0], positions[-1], _STEP)
+    centre = _interpolate(samples, positions, np.vstack([points, points[-1] + last * _EXTENSION]))
     centre = _rounded(_rounded(centre, 4.0, 8), 2.0, 4)
     tangent = unit(np.gradient(centre, axis=0))
     dorsal = _interpolate(samples, (ends[1:] + ends[:-1]) / 2, skeleton.dorsals)
@@ -223,8 +223,8 @@ def _rounded(line: np.ndarray, sigma: float, keep: int) -> np.ndarray:
     return np.vstack([line[:keep], smooth[keep:-keep], line[-keep:]])
 
 
-def _interpolate(x: np.ndarray, places: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return np.stack([np.interp(x, places, column) for column in values.T], 1)
+def _interpolate(x: np.ndarray, positions: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.stack([np.interp(x, positions, column) for column in values.T], 1)
 
 
 def _stations(bones: BoneLengths, metacarpal: float, length: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The signed distance of the hand: a smooth union of palm, forearm, five rays, webs, pads, knuckles and tendons.
+"""The palm and the stump of the forearm, a super-elliptic sweep along the hand. Anatomical frame, mm.
 
 Points are [N, 3] in the anatomical frame, mm; distances [N] mm, negative inside. Distances are first-order: accurate on
 and near the surface only.
@@ -11,12 +11,53 @@ from itertools import pairwise
 import numpy as np
 
 from .anatomy import FINGER_THICKNESS, FINGERS
+from .dependencies import needs
 from .details import detail_offset
 from .forearm import STUMP_MM, cut_off, with_forearm
-from .palm import palm_distance
-from .primitives import ball, capsule, ellipsoid, triangle
+from .primitives import ball, capsule, ellipsoid, superellipsoid, triangle
 from .rays import Ray, RayCoordinates
 from .smooth import bump, smooth_min, smoothstep, unit
+
+with needs("scipy"):
+    from scipy.interpolate import PchipInterpolator
+
+# Sections, tuned by eye: position along d; centre in r; half breadth; centre in h; half depth dorsal and palmar.
+_SECTIONS = np.array(
+    [
+        (-60, -1.0, 29.5, 0.0, 19.5, 19.5),
+        (-30, -0.5, 28.0, 0.0, 18.5, 18.5),
+        (-12, 0.0, 27.5, 0.0, 18.0, 18.5),
+        (4, 0.0, 28.0, 0.0, 17.5, 18.5),
+        (18, -0.5, 29.0, 0.5, 16.0, 17.5),
+        (35, -2.0, 31.0, 1.0, 13.5, 14.5),
+        (55, -3.0, 34.5, 1.5, 11.5, 12.0),
+        (75, -3.0, 37.5, 1.0, 10.5, 12.0),
+        (90, -3.0, 38.5, 0.0, 10.0, 12.0),
+        (110, -3.0, 38.5, -1.0, 9.0, 11.0),
+    ]
+)
+# The slanted distal end: offset of d at each r.
+_SLANT = np.array([(-45, -22), (-31, -16), (-14.5, -5), (4.5, 2), (25.5, 0), (45, -6)], dtype=float)
+_CAP_START, _CAP_LENGTH = 80.0, 13.0
+_EXPONENT = 2.5
+
+
+def palm_distance(points: np.ndarray) -> np.ndarray:
+    """Compute signed distance [N] of points [N, 3] to the palm and an endless forearm, without digits."""
+    d, h, r = points.T
+    slant = PchipInterpolator(_SLANT[:, 0], _SLANT[:, 1])(np.clip(r, -45, 45))
+    along = d - slant * smoothstep(d, 20, 80)
+    place = np.clip(along, -60, 110)
+    centre_r, breadth, centre_h, dorsal, palmar = (
+        PchipInterpolator(_SECTIONS[:, 0], column)(place) for column in _SECTIONS[:, 1:].T
+    )
+    transverse_arch = ((r - centre_r) / 40) ** 2 * 3.0 * smoothstep(d, 30, 80)
+    height = h - (centre_h - transverse_arch)
+    depth = np.where(height > 0, dorsal, palmar)
+    past_end = np.where(along > _CAP_START, (along - _CAP_START) / _CAP_LENGTH, 0)
+    scaled = ((r - centre_r) / breadth, height / depth, past_end)
+    return superellipsoid(scaled, (breadth, depth, _CAP_LENGTH), _EXPONENT)
+
 
 BOUNDS = (np.array([-40.0, -62.0, -56.0]), np.array([196.0, 36.0, 104.0]))
 """A bounding box of the hand without a forearm."""

@@ -17,7 +17,7 @@ from torch import Tensor
 _WRIST, _KNUCKLES = 0, (5, 9, 13)
 _MIDDLE_SHARE = 0.5  # of the middle knuckle in the point that a hand points to; its neighbours share the rest
 _STEADY = (0, 1, 2, 3, 5, 6, 9, 10, 13, 14, 17, 18)  # wrist, palm and lower finger joints: tips move too much
-_PLACES_PER_PX = 32
+_POINTS_PER_PX = 32
 _HAND_SCALE, _HAND_SHIFT = 2.0, -0.1  # of the next frame's region against these points' extent
 
 
@@ -89,20 +89,20 @@ def cropped(
     whole pixels with the second digit of what they see.
     """
     patch, corner = _patch(picture, region)
-    places = torch.from_numpy(_places(region, side_px) - corner)
+    points = torch.from_numpy(_points(region, side_px) - corner)
     half = torch.tensor(patch.shape[:0:-1]).sub(1).clamp(min=1) / 2  # of width and height
-    grid = (places / half - 1).float()[None]
+    grid = (points / half - 1).float()[None]
     edge = "border" if repeats_edge else "zeros"
     crop = F.grid_sample(patch[None].float(), grid, padding_mode=edge, align_corners=True)
     return crop.round_() / 255
 
 
-def _places(region: HandRegion, side_px: int) -> np.ndarray:
+def _points(region: HandRegion, side_px: int) -> np.ndarray:
     """[S, S, 2] in the picture of each pixel of the crop."""
     steps = np.arange(side_px) * (region.side_px / side_px)
     right, down = (steps[:, None] * axis for axis in region.rotation.T)
-    places = region.to_px(np.zeros(2)) + right + down[:, None]
-    return np.rint(places * _PLACES_PER_PX) / _PLACES_PER_PX
+    points = region.to_px(np.zeros(2)) + right + down[:, None]
+    return np.rint(points * _POINTS_PER_PX) / _POINTS_PER_PX
 
 
 def _patch(picture: np.ndarray, region: HandRegion) -> tuple[Tensor, np.ndarray]:

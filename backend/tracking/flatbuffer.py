@@ -43,8 +43,8 @@ class FlatTable:
     def tables(self, field: int) -> list[FlatTable]:
         """A vector of tables; empty if there is none."""
         first, count = self._vector(field, 4)
-        places = range(first, first + 4 * count, 4)
-        return [FlatTable(self.raw, place + _unpack("<I", self.raw, place)) for place in places]
+        points = range(first, first + 4 * count, 4)
+        return [FlatTable(self.raw, place + _unpack("<I", self.raw, place)) for place in points]
 
     def numbers(self, field: int, dtype: str = "<i4") -> np.ndarray:
         """A vector of numbers; empty if there is none."""

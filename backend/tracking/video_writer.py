@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..records.errors import LiveHandError
-from ..system.atomic_file import replacing
+from ..system.files import replacing
 from .video import import_av
 
 _TIME_BASE = Fraction(1, 90_000)

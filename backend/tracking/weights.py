@@ -16,9 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..records.errors import LiveHandError
-from ..system.atomic_file import replacing
-from ..system.data_folder import data_folder
-from ..system.regular_file import MIB, is_file, read_regular
+from ..system.files import MIB, data_folder, is_file, read_regular, replacing
 from .tflite import Network, read_network
 
 FETCH_COMMAND = "livehand fetch-tracker"

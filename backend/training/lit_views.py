@@ -28,7 +28,7 @@ from ..image.srgb import linear_to_srgb
 from ..records.errors import LiveHandError
 from ..records.light import Light
 from ..records.shot import HandPose
-from ..render.known_skin import skin_of_capture
+from ..render.avatar_surface import skin_of_capture
 from ..render.light_groups import LightGroups
 from ..render.light_visibility import (
     NO_OCCLUDERS,
@@ -38,7 +38,7 @@ from ..render.light_visibility import (
     sky_shadows,
 )
 from ..render.posed_surface import SurfacePixels, SurfacePoser
-from ..render.primary_hits import LampSkins, PrimaryHits, primary_hits
+from ..render.primary_hits import LampShadowCasters, PrimaryHits, primary_hits
 from .crop_store import CropStore
 from .views import TrainingView, TrainingViews
 
@@ -157,7 +157,7 @@ class LitTrainingViews(TrainingViews):
         lights = [self.capture.lights[entry.light].light for entry in self._groups[index] if entry.light is not None]
         hand, surface = HandInView(view.mesh, self.topology, view.camera), self._surface_in(index, view)
         hits = None if surface is None else surface.hits
-        met = primary_hits(self.backend, hand, view.rays, hits, None, ReferenceBackend().skin_places)
+        met = primary_hits(self.backend, hand, view.rays, hits, None, ReferenceBackend().mesh_points)
         groups, linear = LightGroups.of(lights, view.mesh), self._linear(index)
         return ViewLight(
             groups=groups,
@@ -211,12 +211,12 @@ class LitTrainingViews(TrainingViews):
             self._kept_light[index] = visibility.packed()
         return self._kept_light[index].unpacked(samples)
 
-    def _casters(self, index: int, met: PrimaryHits) -> LampSkins | None:
+    def _casters(self, index: int, met: PrimaryHits) -> LampShadowCasters | None:
         """The skins that cast lamps' shadows, of the avatar's surface; None: it has none, the mesh casts them."""
         if self._surface is None:
             return None
         mesh = self._surface.mesh(self._pose(index), met.hand.mesh, self.topology.frames)
-        return met.on_surface(mesh).lamp_skins(is_finest=True)
+        return met.on_surface(mesh).shadow_casters(is_finest=True)
 
     def move_pose(self, pose_index: int, theta: Tensor, vertices: Tensor) -> None:
         """As in `TrainingViews`; shadows and surface are computed again, too."""

@@ -10,14 +10,13 @@ from ..avatars.file import save_avatar
 from ..records.errors import LiveHandError
 from ..render.thumbnail import with_thumbnail
 from .checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
-from .clock import Clock, Interval
 from .config import ReportConfig, TrainConfig
 from .lit_views import LitTrainingViews
 from .parts import TrainedParts, WeightAverage, optimiser_of
 from .preview import HeldOutPreview
 from .processes import ComputeSetup
 from .report import TrainingReport
-from .schedule import Schedule
+from .schedule import Clock, Interval, Schedule
 from .setup import TrainingResult, TrainingSetup, initial_avatar, provenance_of, run_identity
 from .step import SkippedSteps, Stepper, StepResult
 from .views import TrainingViews

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..records.errors import LiveHandError
-from ..system.atomic_file import replacing
+from ..system.files import replacing
 
 
 class MetricWriter(ABC):

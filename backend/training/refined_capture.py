@@ -14,8 +14,8 @@ from ..avatars.avatar import Avatar
 from ..capture.capture import Capture, save_capture_index
 from ..hand.model import HandModel
 from ..hand.model_file import ARM_KEY, load_hand_model
-from ..system.atomic_file import replacing
-from ..system.npz_file import npz_bytes
+from ..system.files import replacing
+from ..system.readers import npz_bytes
 from .parts import Correction
 from .refinement import Refinement, RefinementConfig
 
@@ -64,8 +64,8 @@ def save_refined_capture(capture: Capture, refinement: Refinement, hand: HandMod
     refined = _refined_hand(refinement, hand, folder)
     provenance = {**capture.provenance, "refined_by": "livehand train"}
     poses, sha256 = refinement.poses(), refined.sha256
-    told = replace(capture, hand_sha256=sha256, provenance=provenance, poses=poses)
-    save_by_reference(told if sha256 == hand.sha256 else replace(told, surface=None), folder)
+    reported = replace(capture, hand_sha256=sha256, provenance=provenance, poses=poses)
+    save_by_reference(reported if sha256 == hand.sha256 else replace(reported, surface=None), folder)
     return refined
 
 

@@ -10,11 +10,10 @@ from statistics import fmean
 from tqdm import tqdm
 
 from ..avatars.avatar import Avatar
-from .clock import Clock, Interval
 from .config import ReportConfig
 from .metric_writers import JsonLinesLog, MetricWriter, TensorBoardLog
 from .preview import HeldOutPreview
-from .schedule import Schedule, ScheduleState
+from .schedule import Clock, Interval, Schedule, ScheduleState
 from .step import StepResult
 
 

@@ -15,20 +15,19 @@ from ..capture.capture import CaptureView
 from ..compute.precision import Precision, autocast
 from ..compute.reference import ReferenceBackend
 from ..field.rays import HandInView
-from ..field.relightable import LitField
+from ..field.relightable import RelightableField
 from ..field.volume import Composite
 from ..image.maps import image_of, low_resolution_maps
 from ..image.superres import NoSuperRes
 from ..records.errors import LiveHandError
 from ..render.gbuffer import RelightableNetworks
 from ..render.primary_hits import skin_at_full_size
-from .clock import Clock
 from .config import TrainConfig
 from .lit_views import MixedLight, mixed
 from .losses import PerceptualDistance, crop_loss
 from .parts import Correction, Rendered, TrainedParts, set_rates
 from .processes import ComputeSetup
-from .schedule import ScheduleState, views_of_step
+from .schedule import Clock, ScheduleState, views_of_step
 from .views import TrainingView, TrainingViews
 
 _MAX_NAMED_FILES = 5
@@ -164,7 +163,7 @@ def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView, precis
     Raises:
         LiveHandError: the avatar is relightable, and the view's light is not known.
     """
-    if isinstance(avatar.field, LitField) and view.light is None:
+    if isinstance(avatar.field, RelightableField) and view.light is None:
         raise LiveHandError(
             f"the relightable avatar '{avatar.name}' needs to know the light of every image, got one without; capture "
             "with --lights varied, or use an avatar with baked light"
@@ -172,7 +171,7 @@ def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView, precis
     hand = HandInView(view.mesh, views.topology, view.camera)
     with autocast(views.device, precision):
         composite = views.backend.shade(avatar.field, view.rays, hand, view.conditions, avatar.config.sampler.shell_m)
-        if not isinstance(avatar.field, LitField):
+        if not isinstance(avatar.field, RelightableField):
             maps, _ = low_resolution_maps(composite, view.rays.pixel, view.camera.size_px)
             scale = avatar.config.superres.scale
             image, _ = image_of(avatar.superres, composite, view.rays.pixel, view.camera.size_px, scale)
@@ -200,7 +199,7 @@ def _render_lit(
     image = networks.enlarged(met, rays, skin_at_full_size(backend, hand, None))
     alpha = image.alpha  # of the avatar's surface, too: else its density would learn nothing
     image = image if surface is None else surface.detailed(image)
-    colours = light.encoded(networks.backend.relit(image, features, met.pixel, size_px))
+    colours = light.encoded(networks.backend.shade_image(image, features, met.pixel, size_px))
     return Rendered(maps, torch.cat([colours, alpha[None]]))
 
 

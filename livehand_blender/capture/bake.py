@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from ...backend.system.atomic_file import replacing
+from ...backend.system.files import replacing
 from ..scene.file_paths import operator_path
 from .node_graph import NodeGraph, Socket, enable_nodes
 from .skin import SkinChannels, SkinTone, procedural_channels

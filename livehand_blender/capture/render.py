@@ -27,7 +27,7 @@ from ...backend.records.shot import HandPose
 from ...backend.surface.base_surface import surface_of_person, whole_surface
 from ...backend.surface.stored_surface import StoredSurface
 from ...backend.surface.surface_file import surface_sha256, write_surface
-from ...backend.system.atomic_file import replacing
+from ...backend.system.files import replacing
 from ...backend.teacher.detailed_surface import detailed_surface
 from ..scene.file_paths import output_path
 from .bake import bake_skin

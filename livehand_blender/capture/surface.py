@@ -15,7 +15,7 @@ from ...backend.geometry.torch_rotation import axis_angle_to_matrix
 from ...backend.hand.lbs import SkinTensors, forearm_offsets, joint_transforms
 from ...backend.hand.model import HandModel
 from ...backend.records.shot import HandPose
-from ...backend.surface.detail_maps_file import SkinBend
+from ...backend.surface.detail_maps_file import SkinFlexion
 from ...backend.teacher.dependencies import needs
 from ...backend.teacher.detailed_surface import DetailedSurface
 from ...backend.teacher.frames import template_to_build
@@ -75,7 +75,7 @@ class SkinSurface:
         return np.einsum("vab,vb->va", blended[..., :3], v_posed) + blended[..., 3] + pose.transl
 
     def _flex(self, theta: np.ndarray) -> np.ndarray:
-        return SkinBend(self.detail.masks["jid"].astype(int), self.detail.flex_axis).flex(theta)
+        return SkinFlexion(self.detail.masks["jid"].astype(int), self.detail.flex_axis).flex(theta)
 
 
 def crossing(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -58,7 +58,7 @@ class SceneLight:
         sky, suns = self.world.read() if self.world else (None, ())
         lamps = tuple(replace(lamp, rgb=lamp.rgb * self.exposure) for lamp in (*self.lamps, *suns))
         sky = sky and Sky(sky.radiance * self.exposure, sky.group)
-        return Light(lamps, sky, *self.occluders, penumbra="fine" if self.is_final else "coarse")
+        return Light(lamps, sky, *self.occluders, shadow_quality="fine" if self.is_final else "coarse")
 
 
 def read_hand_lights(

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ...backend.records.errors import LiveHandError
-from ...backend.system.regular_file import check_regular
+from ...backend.system.files import check_regular
 
 _AT_ONCE = 100  # frames on disk
 _QUALITY = 95

@@ -20,7 +20,7 @@ from ...backend.records.errors import LiveHandError
 from ...backend.render.frame_queue import FrameQueue
 from ...backend.render.frame_task import HandTask
 from ...backend.render.session import Session
-from ...backend.system.stdout import blender_silenced
+from ...backend.system.command import blender_silenced
 from ..scene.camera import output_size_px, read_camera, render_region
 from ..scene.file_paths import operator_path, output_path
 from .plan import OutputSettings, blender_message

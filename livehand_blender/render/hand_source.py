@@ -17,7 +17,7 @@ from ...backend.image.grade import Grade
 from ...backend.records.errors import LiveHandError
 from ...backend.render.frame_task import HandRenderer
 from ...backend.render.session import Device, Session, load_renderer
-from ...backend.system.dependencies import install_command, missing_requirements
+from ...backend.system.packages import install_command, missing_requirements
 
 
 @dataclass(frozen=True)

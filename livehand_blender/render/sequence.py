@@ -26,7 +26,7 @@ from ...backend.batch.progress import EventHandler, Failed, FrameProgress, Frame
 from ...backend.batch.report import RunReport
 from ...backend.batch.shot_version import ShotVersion
 from ...backend.records.errors import LiveHandError
-from ...backend.system.stdout import blender_silenced
+from ...backend.system.command import blender_silenced
 from .engine import LiveHandRender
 from .file_outputs import apply_file_outputs
 from .frame_writer import FrameWriter

@@ -43,7 +43,7 @@ class ViewportHand:
         renderer = load_for(self.name, self.source, session, self.device)
         light = self.light.light() if self.light and renderer.is_relightable else None
         if light is not None:
-            light = replace(light, penumbra="none" if quality == "preview" else "fine")
+            light = replace(light, shadow_quality="none" if quality == "preview" else "fine")
         shot = Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m, self.hair, quality)
         return HandTask(renderer, shot)
 

@@ -18,7 +18,7 @@ from ...backend.hand.model_file import load_default_hand
 from ...backend.research.benchmark.cases import SYNC
 from ...backend.research.benchmark.motion import MotionFrame
 from ...backend.research.benchmark.stopwatch import Stages, Stopwatch
-from ...backend.system.stdout import blender_silenced
+from ...backend.system.command import blender_silenced
 from ...backend.teacher.detailed_surface import detailed_surface
 from ..capture.bake import bake_skin
 from ..capture.scene import capture_scene, set_camera

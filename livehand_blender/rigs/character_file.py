@@ -12,7 +12,7 @@ from ...backend.records.errors import LiveHandError
 from ...backend.records.side import Side
 from ...backend.rigs.joint_guess import guess_joints
 from ...backend.rigs.source_skeleton import JointMap
-from ...backend.system.json_file import read_json
+from ...backend.system.readers import read_json
 from ..scene.file_paths import operator_path
 from .importing import import_rig
 from .pictures import find_pictures

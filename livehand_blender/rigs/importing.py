@@ -179,7 +179,7 @@ def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side)
     for armature in armatures:
         skeleton = read_skeleton(armature)
         guesses = (
-            [guess_joints(skeleton, side, is_told=True)]
+            [guess_joints(skeleton, side, is_determined=True)]
             if side
             else [guess_joints(skeleton, own), guess_joints(skeleton)]
         )

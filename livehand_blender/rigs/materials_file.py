@@ -15,7 +15,7 @@ import bpy
 
 from ...backend.records.errors import LiveHandError
 from ...backend.rigs.hand_from_mesh.hand_model import MeshHand
-from ...backend.system.atomic_file import replacing
+from ...backend.system.files import replacing
 from ..capture.hand_materials import MODEL_KEY
 from .pictures import images_of, is_missing, plain_colours
 from .rest_mesh import RestMesh

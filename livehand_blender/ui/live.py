@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 from ...backend.records.errors import LiveHandError
-from ...backend.system.dependencies import missing_requirements
+from ...backend.system.packages import missing_requirements
 from ...backend.tracking.live import CameraSource
 from ...backend.tracking.video import INSTALL_VIDEO
 from ...backend.tracking.weights import FETCH_COMMAND, has_networks

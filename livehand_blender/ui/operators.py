@@ -7,7 +7,7 @@ from mathutils import Matrix
 
 from ...backend.hand.model import upright
 from ...backend.hand.model_file import DEFAULT_HAND, load_hand_model
-from ...backend.system.dependencies import install_command, missing_requirements
+from ...backend.system.packages import install_command, missing_requirements
 from ..light.studio import add_studio
 from ..render.hand_source import packages_folder
 from ..render.memory import free_memory

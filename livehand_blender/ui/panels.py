@@ -2,7 +2,7 @@
 
 import bpy
 
-from ...backend.system.dependencies import missing_requirements
+from ...backend.system.packages import missing_requirements
 from ..render.panels import draw_mode
 from ..rig.hand import active_hand
 from ..rig.sliders import slider_path

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 from bpy.props import StringProperty
 
-from ...backend.system.dependencies import REQUIREMENTS, is_installed
+from ...backend.system.packages import REQUIREMENTS, is_installed
 
 # `bl_ext.<repository>.livehand` for an extension, `livehand` for a pip package.
 _ADDON = (__package__ or "").removesuffix(".livehand_blender.ui")

@@ -17,7 +17,7 @@ from ...backend.hand.model_file import load_default_hand
 from ...backend.motion.landmarks.take_file import FilmedTake, doubt_of, unmirrored
 from ...backend.motion.landmarks.take_fit import FilmCamera, TakeFit, fit_take
 from ...backend.records.side import Side
-from ...backend.system.dependencies import missing_requirements
+from ...backend.system.packages import missing_requirements
 from ...backend.tracking.weights import FETCH_COMMAND, has_networks
 from ..motion.film_scene import film_camera, hand_of_side, match_film, new_hand
 from ..motion.filmed import key_take

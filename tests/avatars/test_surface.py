@@ -176,13 +176,13 @@ def test_shipped_avatars_share_the_base_and_have_their_persons_numbers(skin, han
 NUMBERS = {"melanin": 0.0, "folds": 1.0, "veins_mm": 0.2}
 
 
-def told(person=NUMBERS, **others):
+def reported(person=NUMBERS, **others):
     return {"made_by": "livehand capture", "plan": {"person": person}, **others}
 
 
 def test_provenance_of_before_tells_of_a_surface(hand):
     beta = [0.5] * 10
-    surface = surface_of_provenance(told({**NUMBERS, "blood": 1.2, "beta": beta}), hand.sha256)
+    surface = surface_of_provenance(reported({**NUMBERS, "blood": 1.2, "beta": beta}), hand.sha256)
     assert surface.person == Person(melanin=0.0, blood=1.2, folds=1.0, veins_mm=0.2, beta=(0.5,) * 10)
     assert surface.base == base_sha256()
 
@@ -194,12 +194,12 @@ def test_provenance_of_before_tells_of_a_surface(hand):
         [],
         {"made_by": "livehand import", "plan": {"person": NUMBERS}},
         {"made_by": "livehand capture", "plan": {"tone": "light"}},
-        told(look_sha256=None),
-        told({**NUMBERS, "melanin": "a"}),
-        told({**NUMBERS, "melanin": float("nan")}),
-        told({**NUMBERS, "folds": 7.0}),
-        told({"melanin": 0.0, "folds": 1.0}),
-        told({**NUMBERS, "nail_polish": [1, 0, 0]}),
+        reported(look_sha256=None),
+        reported({**NUMBERS, "melanin": "a"}),
+        reported({**NUMBERS, "melanin": float("nan")}),
+        reported({**NUMBERS, "folds": 7.0}),
+        reported({"melanin": 0.0, "folds": 1.0}),
+        reported({**NUMBERS, "nail_polish": [1, 0, 0]}),
     ],
 )
 def test_another_provenance_tells_of_none(hand, capture):
@@ -207,11 +207,11 @@ def test_another_provenance_tells_of_none(hand, capture):
 
 
 def test_provenance_tells_of_none_on_another_hand():
-    assert surface_of_provenance(told(), "0" * 64) is None
+    assert surface_of_provenance(reported(), "0" * 64) is None
 
 
 def as_version_2(header, tensors):
-    header.update(format_version=2, provenance={"capture": told({**NUMBERS, "melanin": 0.7})})
+    header.update(format_version=2, provenance={"capture": reported({**NUMBERS, "melanin": 0.7})})
     header.pop("surface", None)
 
 
@@ -221,7 +221,7 @@ def test_files_of_version_2_get_their_persons_surface(save, hand):
 
 
 def test_a_file_of_this_version_is_not_asked_for_its_provenance(hand, tmp_path):
-    made = replace(new_avatar("ada", hand.name, hand.sha256, SMALL), provenance={"capture": told()})
+    made = replace(new_avatar("ada", hand.name, hand.sha256, SMALL), provenance={"capture": reported()})
     save_avatar(made, tmp_path / "ada.safetensors")
     assert load_avatar(tmp_path / "ada.safetensors").surface is None
 
@@ -233,7 +233,7 @@ def capture_with(tmp_path, hand):
     def of(surface, sha256=None, hand_sha256=hand.sha256):
         write_surface(tmp_path / "mine.npz", surface)
         reference = SurfaceReference("mine.npz", sha256 or surface_sha256(surface))
-        save_capture_index(Capture(tmp_path, hand_sha256, told(), (HandPose.rest(),), (), surface=reference))
+        save_capture_index(Capture(tmp_path, hand_sha256, reported(), (HandPose.rest(),), (), surface=reference))
         return load_capture(tmp_path)
 
     return of

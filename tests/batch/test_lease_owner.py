@@ -3,9 +3,9 @@
 import os
 
 import pytest
-from livehand.backend.batch import lease_owner
-from livehand.backend.batch.lease_owner import LeaseOwner, read_owner, signature
-from livehand.backend.system.process_identity import process_space
+from livehand.backend.batch import leases as lease_owner
+from livehand.backend.batch.leases import LeaseOwner, read_owner, signature
+from livehand.backend.system.processes import process_space
 
 
 def test_a_signature_names_this_process(tmp_path):

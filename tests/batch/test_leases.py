@@ -10,7 +10,7 @@ import pytest
 from livehand.backend.batch import leases as leases_module
 from livehand.backend.batch.leases import STALE_S, UNSIGNED_S, FrameLeases
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.system.process_identity import process_space
+from livehand.backend.system.processes import process_space
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from livehand.backend.batch import leases
 from livehand.backend.batch.frame_file import is_finished
 from livehand.backend.batch.frame_paths import FrameParts, FramePaths
 from livehand.backend.batch.leases import FrameLeases
-from livehand.backend.system.process_identity import process_space
+from livehand.backend.system.processes import process_space
 from livehand.livehand_blender import cli
 
 FAKE_PROGRAM = Path(__file__).parent / "fake_livehand.py"

@@ -304,14 +304,14 @@ def test_a_tiny_capture_reads_back_and_shows_the_hand(tiny, right_hand):
     assert not list(tiny.glob("images/*partial*"))
 
 
-def test_a_capture_has_the_surface_of_its_person(tiny, hand):
-    capture = load_capture(tiny)
-    surface = surface_of_capture(capture)
-    assert (surface.person, surface.hand_sha256, surface.base) == (TINY.person, hand.sha256, None)
+def test_a_capture_has_the_surface_of_its_person(tiny):
+    surface = surface_of_capture(load_capture(tiny))
+    assert (surface.person, surface.hand_sha256, surface.base) == (TINY.person, load_default_hand().sha256, None)
     assert surface.arrays.keys() == base_arrays().keys()
 
 
-def test_painted_nails_and_materials_of_ones_own_have_no_known_surface(tmp_path, no_renders, hand):
+def test_painted_nails_and_materials_of_ones_own_have_no_known_surface(tmp_path, no_renders):
+    hand = load_default_hand()
     painted = replace(TINY, person=Person(nail_polish=(0.5, 0.0, 0.0)))
     for name, plan, subject in (("painted", painted, hand), ("own", TINY, HandWithMaterials(hand, None))):
         capture = render_capture(tmp_path / name, plan, {"made_by": "test"}, hand=subject)

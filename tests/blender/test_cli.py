@@ -257,7 +257,7 @@ def test_blender_and_the_process_end_cleanly(shot_path, tmp_path):
 
 CHATTER = """
 import ctypes
-from livehand.backend.system.stdout import blender_silenced
+from livehand.backend.system.command import blender_silenced
 print("before")
 with blender_silenced():
     print("python")

@@ -8,11 +8,11 @@ from livehand.backend.capture.exr import read_exr
 from livehand.backend.capture.lights import CaptureLight
 from livehand.backend.field.rays import camera_tensors
 from livehand.backend.light.lighting import LightFeatures
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.prefiltered_environment import PrefilteredEnvironment
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.light import Lamp, Light, rotation_facing
 from livehand.backend.surface import hairs
-from livehand.backend.surface.hairs import SEGMENTS, PosedHairs, seen_hairs, with_hairs
+from livehand.backend.surface.hairs import SEGMENTS, PosedHairs, visible_hairs, with_hairs
 from livehand.livehand_blender.capture.lighting import SceneLighting
 from livehand.livehand_blender.capture.node_graph import NodeGraph, enable_nodes
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
@@ -78,7 +78,7 @@ def ours(points, camera, towards, irradiance):
     )
     width, height = SIZE
     rays = torch.arange(width * height // 4)
-    seen = seen_hairs(posed, camera_tensors(camera, "cpu"), torch.full((height, width), torch.inf), rays)
+    seen = visible_hairs(posed, camera_tensors(camera, "cpu"), torch.full((height, width), torch.inf), rays)
     vectors = torch.as_tensor(towards, dtype=torch.float32) * irradiance / torch.pi
     nothing = torch.zeros(len(rays), 3, 3)
     features = LightFeatures(
@@ -86,9 +86,9 @@ def ours(points, camera, towards, irradiance):
         lamp_rgb=torch.ones(1, 3),
         lamp_radius_rad=torch.zeros(1),
         sky_vectors=nothing,
-        sky_seen=nothing[:, :2, 0],
-        mirrored=MirroredSky.of(None, "cpu"),
-        near_gloss=nothing[:, :2],
+        lobe_visibility=nothing[:, :2, 0],
+        mirrored=PrefilteredEnvironment.of(None, "cpu"),
+        near_field_specular=nothing[:, :2],
         scattered=nothing[:, :2],
         arriving=torch.ones(len(rays), 3),
         reflected=nothing[:, 0],

@@ -15,18 +15,18 @@ from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.topology import topology_of
-from livehand.backend.light.bounce import SkinPlaces
-from livehand.backend.light.light_samples import LightSamples
+from livehand.backend.light.indirect_diffuse import MeshPoints
 from livehand.backend.light.lighting import SurfacePoints, diffuse_light
+from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds
 from livehand.backend.records.light import Lamp, Light
 from livehand.backend.records.shot import Shot
 from livehand.backend.render.light_visibility import (
     NO_OCCLUDERS,
-    features_among,
+    features_with_nearby,
     light_shadows,
+    nearby_geometry_of,
     sky_shadows,
-    surrounding_light,
     with_parts,
 )
 from livehand.backend.render.surface_maps import surface_maps
@@ -122,13 +122,13 @@ def computed(hand, pose, camera, light):
     of_sky = sky_shadows(backend, in_view, occluders, position)
     of_sky = with_parts(of_sky, samples.sky, backend, in_view, occluders, position)
     shadows = light_shadows(backend, in_view, samples, occluders, position, of_sky, torch.ones(3))
-    mesh_points = SkinPlaces.of(mesh, topology.faces, face[pixel], position)
+    mesh_points = MeshPoints.of(mesh, topology.faces, face[pixel], position)
     points = SurfacePoints(position, normals, normals, torch.nn.functional.normalize(directions, dim=-1), mesh_points)
     width, height = camera.size_px
     image = torch.zeros(width * height, 3)
-    around = surrounding_light(backend, in_view, samples, light)
+    around = nearby_geometry_of(backend, in_view, samples, light)
     alone = sky_shadows(backend, in_view, NO_OCCLUDERS, position)
-    features = features_among(around, samples, shadows, alone, points, backend)
+    features = features_with_nearby(around, samples, shadows, alone, points, backend)
     image[pixel] = diffuse_light(features, normals)
     return image.reshape(height, width, 3).numpy()
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
-from livehand.backend.system import dependencies
+from livehand.backend.system import packages as dependencies
 from livehand.livehand_blender.render import hand_source
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of

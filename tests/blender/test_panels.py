@@ -7,7 +7,7 @@ import blf
 import bpy
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.system import dependencies
+from livehand.backend.system import packages as dependencies
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.sliders import SLIDERS
 from livehand.livehand_blender.ui import avatars, compositing, hand_model, motion, panels, picker
@@ -225,10 +225,10 @@ def test_missing_packages_are_named_with_a_way_to_install_them(panel, monkeypatc
 @pytest.mark.parametrize(
     ("mode", "is_transparent", "is_told"), [("SCENE", True, 1), ("SCENE", False, 0), ("HAND", True, 0)]
 )
-def test_a_film_that_hides_the_scenes_world_is_pointed_out(mode, is_transparent, is_told):
+def test_a_film_that_hides_the_scenes_world_is_pointed_out(mode, is_transparent, is_determined):
     scene = bpy.context.scene
     scene.livehand.mode, scene.render.film_transparent = mode, is_transparent
-    assert draw(panels.LIVEHAND_PT_render).count("film_transparent") == is_told
+    assert draw(panels.LIVEHAND_PT_render).count("film_transparent") == is_determined
 
 
 def test_the_add_menu_has_an_entry():

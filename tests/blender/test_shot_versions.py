@@ -67,7 +67,7 @@ def test_another_avatar_is_told_with_counts_and_refused_under_strict(render, ava
     ("change", "told"),
     [("shot", "another state of the .blend"), ("linked", "other linked files"), ("settings", "other settings")],
 )
-def test_an_edited_shot_a_changed_texture_and_other_settings_are_told(render, shot_path, tmp_path, change, told):
+def test_an_edited_shot_a_changed_texture_and_other_settings_are_told(render, shot_path, tmp_path, change, reported):
     texture = tmp_path / "sky.png"
     bpy.data.images.new("sky", 4, 4).save(filepath=str(texture))
     image = bpy.data.images.load(str(texture))
@@ -81,7 +81,7 @@ def test_an_edited_shot_a_changed_texture_and_other_settings_are_told(render, sh
         texture.write_bytes(texture.read_bytes() + b" ")
     code, result, err = render(*(["--precision", "bf16"] if change == "settings" else []))
     assert (code, result["skipped"], result["of_other_versions"]) == (0, 3, 3)
-    assert f"3 frames are of {told};" in err
+    assert f"3 frames are of {reported};" in err
 
 
 def test_frames_of_a_sequence_and_of_tiles_are_known_by_names_and_sizes(render, tmp_path):

@@ -310,7 +310,7 @@ def test_all_is_fine_once_the_hand_rests(drawn, wide, shared, fake_session, fake
     monkeypatch.setattr(fake_renderer, "is_relightable", True)
     drawn(lambda: show(Viewport(shared), Engine(), wide, shared))
     shots = fake_session.made[0].shots
-    assert [shot.light.penumbra for shot in shots] == ["none", "fine"]
+    assert [shot.light.shadow_quality for shot in shots] == ["none", "fine"]
     assert [shot.quality for shot in shots] == ["preview", "final"]
 
 

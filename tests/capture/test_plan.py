@@ -81,12 +81,12 @@ def test_the_first_poses_equal_those_of_the_whole_plan(made, hand):
 
 
 def test_every_training_camera_is_used_and_poses_differ_in_their_cameras(made):
-    seen_by = {}
+    visible_to = {}
     for view in made.of_split("train"):
-        seen_by.setdefault(view.pose_index, set()).add(view.camera_index)
-    assert {len(cameras) for cameras in seen_by.values()} == {4}
-    assert set.union(*seen_by.values()) == {k for k in range(11) if k % 5 != 3}
-    assert len({tuple(sorted(cameras)) for cameras in seen_by.values()}) > 10
+        visible_to.setdefault(view.pose_index, set()).add(view.camera_index)
+    assert {len(cameras) for cameras in visible_to.values()} == {4}
+    assert set.union(*visible_to.values()) == {k for k in range(11) if k % 5 != 3}
+    assert len({tuple(sorted(cameras)) for cameras in visible_to.values()}) > 10
 
 
 @pytest.mark.parametrize("seed", range(4))

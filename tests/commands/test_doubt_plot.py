@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.commands.doubt_plot import draw_doubt
+from livehand.backend.commands.track import draw_doubt
 from livehand.backend.motion.landmarks.take_fit import TakeFit
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.system.figure import new_figure, save_figure

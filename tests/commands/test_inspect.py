@@ -57,8 +57,8 @@ def test_whether_a_skin_is_that_of_this_version(tmp_path, known):
     config = AvatarConfig(FieldConfig(width=4, planes=((8, 1, 1),), relief=8), SuperResConfig(width=4, depth=1))
     avatar = replace(new_avatar("ada", "hand", "ab" * 32, config), provenance={"capture": known})
     save_avatar(avatar, tmp_path / "ada.safetensors")
-    told = [inspect(path).get("skin_is_current") for path in (tmp_path, tmp_path / "ada.safetensors")]
-    assert told == 2 * [known[SKIN_VERSION] == skin_version() if known else None]
+    reported = [inspect(path).get("skin_is_current") for path in (tmp_path, tmp_path / "ada.safetensors")]
+    assert reported == 2 * [known[SKIN_VERSION] == skin_version() if known else None]
 
 
 def test_poses(tmp_path):

@@ -15,14 +15,14 @@ from livehand.backend.compute.kernels.nearby import NearArrays
 from livehand.backend.compute.kernels.shadow import ShadowPoints
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.volume import Composite
-from livehand.backend.image.relighting import EnlargedRays
+from livehand.backend.image.shading import EnlargedRays
 from livehand.backend.light.lamp_samples import LampSamples
 from livehand.backend.light.lighting import LightFeatures, SurfacePoints
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.near_field_light import NearFieldFeatures
+from livehand.backend.light.prefiltered_environment import PrefilteredEnvironment
 from livehand.backend.light.shadow_maps import PointShadows
-from livehand.backend.light.surrounding_light import NearLight
 from livehand.backend.light.visibility import ShadowMapPoints
-from livehand.backend.surface.part_edges import SurfaceBones
+from livehand.backend.surface.edge_antialiasing import SurfaceBones
 
 # What numba leaves to the reference: sequences of stages, of which it overrides the costly parts.
 LEFT_TO_THE_REFERENCE = {"visibility", "point_shadows", "lit_image"}
@@ -88,7 +88,7 @@ class Invented(ReferenceBackend):
 
 class Renamed(ReferenceBackend):
     @staticmethod
-    def openness(sky, shadows, normals):
+    def ambient_occlusion(sky, shadows, normals):
         """A parameter with another name."""
 
 
@@ -121,10 +121,10 @@ def test_planted_faults_are_found(backend, fault):
         (PointArrays, ["view_direction" if name == "view" else name for name in SurfacePoints._fields[:4]]),
         (LampArrays, [*LampSamples._fields[:-1], *PointShadows._fields]),
         (FeatureArrays, [name for name in LightFeatures._fields if name in FeatureArrays._fields]),
-        (NearArrays, NearLight._fields),
+        (NearArrays, NearFieldFeatures._fields),
         (EnlargedArrays, EnlargedRays._fields),
         (ShadowPoints, ShadowMapPoints._fields),
-        (MirrorArrays, [*MirroredSky._fields, "side", "least_roughness"]),
+        (MirrorArrays, [*PrefilteredEnvironment._fields, "side", "least_roughness"]),
         (PartMarks, ["between", "part", "bone_of_face", *SurfaceBones._fields[1:]]),
         (RayOutputs, ["features", *Composite._fields[1:], "t", "dt"]),
     ],

@@ -9,7 +9,7 @@ from livehand.backend.compute.cpu.networks import decoder
 from livehand.backend.compute.kernels.vectors import has_int8_products, has_vectors
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.volume import Composite
-from livehand.backend.light.lighting import Openness
+from livehand.backend.light.lighting import AmbientOcclusion
 from torch.nn.functional import normalize
 
 CPU = torch.device("cpu")
@@ -80,8 +80,8 @@ def test_inputs_are_the_references_where_nothing_was_gathered_too(backend_pair):
         (torch.rand(50, field.gathered_channels, generator=random) - 0.5) * alpha[:, None], alpha, alpha, alpha[:, None]
     )
     view, towards = (normalize(torch.randn(50, 3, generator=random), dim=-1) for _ in range(2))
-    open_to = Openness(torch.rand(50, generator=random), towards)
-    ours, theirs = (each.decoder_inputs(field, gathered, view, open_to) for each in backend_pair)
+    occlusion = AmbientOcclusion(torch.rand(50, generator=random), towards)
+    ours, theirs = (each.decoder_inputs(field, gathered, view, occlusion) for each in backend_pair)
     torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-5)
     assert (alpha == 0).any()
     assert theirs[:, -7:].abs().amax(0).min() > 0.2

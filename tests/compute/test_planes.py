@@ -33,7 +33,7 @@ def a_plane(resolution, heights, channels):
     return FeaturePlane(resolution, heights, channels, init=1.0)
 
 
-def places(count, seed=0):
+def hit_points(count, seed=0):
     generator = torch.Generator().manual_seed(seed)
     uv = torch.rand(count, 2, generator=generator)
     height = torch.rand(count, generator=generator) * 2.4 - 1.2
@@ -44,7 +44,7 @@ def places(count, seed=0):
 @pytest.mark.parametrize("blocks", [1, 2, 3])
 def test_anywhere(resolution, heights, blocks):
     plane = a_plane(resolution, heights, blocks * BLOCK)
-    uv, height = places(80)
+    uv, height = hit_points(80)
     torch.testing.assert_close(
         read(plane, uv, height), plane(uv, height, torch.ones(len(uv))).detach(), atol=1e-5, rtol=1e-5
     )
@@ -72,7 +72,7 @@ def test_a_texels_centre_is_that_texel():
 
 def test_fading_place_in_the_table_and_place_in_the_output():
     plane = a_plane(16, 3, 2 * BLOCK)
-    uv, height = places(20, seed=3)
+    uv, height = hit_points(20, seed=3)
     expected = plane(uv, height, torch.ones(len(uv))).detach()
     torch.testing.assert_close(read(plane, uv, height, fade=0.25), expected * 0.25, atol=1e-5, rtol=1e-5)
     torch.testing.assert_close(read(plane, uv, height, start=40, at=5), expected, atol=1e-5, rtol=1e-5)
@@ -101,7 +101,7 @@ def both_ways(plane, uv, height, fade):
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_gradients_are_torchs(sizes, dtype):
     plane = a_plane(*sizes).to(dtype)
-    uv, height = places(300)
+    uv, height = hit_points(300)
     fade = torch.rand(300, generator=torch.Generator().manual_seed(1), dtype=dtype)
     tolerance = 1e-12 if dtype == torch.float64 else 3e-5
     ours, torchs = both_ways(plane, (1.2 * uv - 0.1).to(dtype), height.to(dtype), fade)
@@ -133,7 +133,7 @@ def test_no_samples_give_no_gradient():
 
 def test_gradients_are_the_same_to_the_last_bit_however_the_rows_are_shared_out():
     plane = a_plane(16, 3, 8)
-    uv, height = (values.numpy() for values in places(4000))
+    uv, height = (values.numpy() for values in hit_points(4000))
     outward = np.random.default_rng(0).standard_normal(4000 * 8, np.float32)
     fade = np.full(4000, 0.7, np.float32)
 
@@ -152,7 +152,7 @@ def test_gradients_are_the_same_to_the_last_bit_however_the_rows_are_shared_out(
 def test_strided_gradients_and_places_are_read_right():
     """Gradients that come as columns of a wider one, and places that are not contiguous."""
     plane = a_plane(8, 2, 4)
-    wide, height = torch.rand(50, 5, generator=torch.Generator().manual_seed(2)), places(50)[1]
+    wide, height = torch.rand(50, 5, generator=torch.Generator().manual_seed(2)), hit_points(50)[1]
     uv, fade = wide[:, 1:4:2], wide[:, 4]
     outward = torch.rand(50, 9)[:, 2:6]
     (got,) = torch.autograd.grad(read_by_kernels(plane, uv, height, fade), [plane.table], outward)

@@ -85,10 +85,10 @@ VIEWS = {
 
 @pytest.mark.parametrize("name", VIEWS)
 @pytest.mark.parametrize(("gesture", "side"), [("open", "right"), ("fist", "right"), ("pinch", "left")])
-def test_layers_are_the_fragments_sorted(posed, seen_from, name, gesture, side):
+def test_layers_are_the_fragments_sorted(posed, view_from, name, gesture, side):
     direction, size_px, field_m = VIEWS[name]
     hand = posed(gesture, side)
-    view = seen_from(hand.mesh, direction, size_px, field_m=field_m)
+    view = view_from(hand.mesh, direction, size_px, field_m=field_m)
     scene = (*project(view, hand.mesh.vertices), hand.topology.faces, size_px)
     expected = fragments_of(*scene)
     assert expected
@@ -103,9 +103,9 @@ def test_layers_are_the_fragments_sorted(posed, seen_from, name, gesture, side):
 
 
 @pytest.fixture(scope="module")
-def fist(posed, seen_from):
+def fist(posed, view_from):
     hand = posed("fist")
-    view = seen_from(hand.mesh, (-0.8, 0.5, 0.4), (33, 37))
+    view = view_from(hand.mesh, (-0.8, 0.5, 0.4), (33, 37))
     return *project(view, hand.mesh.vertices), hand.topology.faces, view.size_px
 
 
@@ -188,9 +188,9 @@ def test_a_camera_within_the_mesh(posed):
     assert_same(layers_of(*scene), expected)
 
 
-def test_projection_is_that_of_torch_in_double_precision(posed, seen_from):
+def test_projection_is_that_of_torch_in_double_precision(posed, view_from):
     hand = posed("fist")
-    view = seen_from(hand.mesh, (0.3, -1, 0.2), size_px=(500, 480))
+    view = view_from(hand.mesh, (0.3, -1, 0.2), size_px=(500, 480))
     skewed = view._replace(K=view.K + torch.tensor([[0.0, 0.7, 0], [0, 0, 0], [0.01, 0, 0]]))
     for camera in (view, skewed):
         mesh = projected_mesh(camera, hand.mesh.vertices, hand.topology.faces)

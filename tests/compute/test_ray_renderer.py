@@ -47,10 +47,10 @@ def field(request):
     return a_field(request.param)
 
 
-def test_a_relightable_fields_rays_are_gathered_and_not_decoded(posed, seen_from):
+def test_a_relightable_fields_rays_are_gathered_and_not_decoded(posed, view_from):
     """Its gathered features end with the normals: it has no light code."""
     field, hand = build_field(replace(FIELDS["odd"], light="linear")), posed("open")
-    in_view = HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, (0.3, 1, 0.2)))
+    in_view = HandInView(hand.mesh, hand.topology, view_from(hand.mesh, (0.3, 1, 0.2)))
     conditions = hand.conditions()._replace(visibility=torch.zeros(len(hand.mesh.vertices), 0))
     with torch.inference_mode():
         rays = FusedRayRenderer(field, CONFIG)(in_view, conditions, RenderHooks())
@@ -129,9 +129,9 @@ def assert_same(rendered):
 
 @pytest.mark.parametrize("direction", [(0.1, -1, 0.2), (0.2, 0.3, -1), (-1, -0.5, 0.3)])
 @pytest.mark.parametrize(("gesture", "side"), [("open", "right"), ("fist", "right"), ("pinch", "left")])
-def test_fused_rays_are_the_fields(field, posed, seen_from, direction, gesture, side):
+def test_fused_rays_are_the_fields(field, posed, view_from, direction, gesture, side):
     hand = posed(gesture, side)
-    rendered = Fused(field, hand, seen_from(hand.mesh, direction))
+    rendered = Fused(field, hand, view_from(hand.mesh, direction))
     assert len(rendered.pixel) > 200
     assert_same(rendered)
     alpha = rendered.expected_decoded.alpha
@@ -140,10 +140,10 @@ def test_fused_rays_are_the_fields(field, posed, seen_from, direction, gesture, 
     assert not rendered.is_stopped.all()
 
 
-def test_planes_of_channels_that_fill_no_whole_block(posed, seen_from, monkeypatch):
+def test_planes_of_channels_that_fill_no_whole_block(posed, view_from, monkeypatch):
     monkeypatch.setitem(FIELDS, "narrow", FieldConfig(width=24, planes=((32, 3, 6), (64, 1, 5)), relief=48))
     hand = posed("open")
-    assert_same(Fused(a_field("narrow"), hand, seen_from(hand.mesh, (0.1, -1, 0.2))))
+    assert_same(Fused(a_field("narrow"), hand, view_from(hand.mesh, (0.1, -1, 0.2))))
 
 
 @pytest.fixture(scope="module")
@@ -152,9 +152,9 @@ def odd():
 
 
 @pytest.fixture(scope="module")
-def scene(posed, seen_from):
+def scene(posed, view_from):
     hand = posed("relaxed")
-    return hand, seen_from(hand.mesh, (0.1, 1, 0.3))
+    return hand, view_from(hand.mesh, (0.1, 1, 0.3))
 
 
 def test_stopped_rays_are_opaque(odd, scene):
@@ -165,13 +165,13 @@ def test_stopped_rays_are_opaque(odd, scene):
 
 
 @torch.inference_mode()
-def test_what_is_the_same_everywhere_comes_out_as_that_times_alpha(posed, seen_from):
+def test_what_is_the_same_everywhere_comes_out_as_that_times_alpha(posed, view_from):
     """Also of rays that are opaque in the end and stopped before: from near, where planes do not fade."""
     field, hand = a_field("odd"), posed("fist")
     for plane in field.planes:
         plane.table.fill_(0.75)
     field.density.bias.add_(3)  # solid: rays stop well before their last sample
-    view = seen_from(hand.mesh, (0.1, 1, 0.1), (40, 40), distance=0.3, field_m=0.04)
+    view = view_from(hand.mesh, (0.1, 1, 0.1), (40, 40), distance=0.3, field_m=0.04)
     in_view = HandInView(hand.mesh, hand.topology, view)
     gathered = FusedRayRenderer(field, CONFIG).gather(in_view, hand.conditions(), RenderHooks()).gathered
     constant = gathered.channels[:, : sum(channels for _, _, channels in field.config.planes)]
@@ -202,11 +202,11 @@ def test_one_pixel_and_one_row(odd, scene, size_px):
     assert_same(rendered)
 
 
-def test_near_and_far_where_planes_fade(odd, posed, seen_from):
+def test_near_and_far_where_planes_fade(odd, posed, view_from):
     """From so far that a pixel spans many texels, and from so near that none does."""
     hand = posed("open")
     for size_px, field_m in (((12, 12), 0.25), ((40, 40), 0.04)):
-        assert_same(Fused(odd, hand, seen_from(hand.mesh, (0.1, 1, 0.1), size_px, field_m=field_m)))
+        assert_same(Fused(odd, hand, view_from(hand.mesh, (0.1, 1, 0.1), size_px, field_m=field_m)))
 
 
 def test_a_larger_world_looks_the_same(odd, scene):

@@ -1,4 +1,4 @@
-"""Rays traced by the kernels (`compute.cpu.rays.trace`) against the reference (`field.trace`)."""
+"""Rays traced by the kernels (`compute.cpu.rays.trace`) against the reference (`field.surface_tracking`)."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import torch
 from livehand.backend.compute.cpu.rays import first_hit, live_rays, rasterise_shell, trace
 from livehand.backend.field.rays import CameraTensors, HandInView
 from livehand.backend.field.sampler import SAMPLES_AT_SURFACE, SamplerConfig
-from livehand.backend.field.trace import trace as trace_reference
+from livehand.backend.field.surface_tracking import trace as trace_reference
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.uvh import interpolate
 
@@ -18,10 +18,10 @@ CONFIG = SamplerConfig(8, 0.003)
 ELSEWHERE = 2e-4
 
 
-def assert_same(mesh, topology, view, config=CONFIG, seed=None, has_signs=True, known_depth=None):
+def assert_same(mesh, topology, view, config=CONFIG, seed=None, has_signs=True, surface_depth=None):
     """Both roads' rays are the same, but for the signs of heights where there are no signs; returns them."""
     generators = (None, None) if seed is None else [torch.Generator().manual_seed(seed) for _ in range(2)]
-    hand = HandInView(mesh, topology, view, known_depth)
+    hand = HandInView(mesh, topology, view, surface_depth)
     ours, theirs = trace(hand, config, generators[0]), trace_reference(hand, config, generators[1])
     assert torch.equal(ours.pixel, theirs.pixel)
     assert torch.equal(ours.is_stopped, theirs.is_stopped)
@@ -44,9 +44,9 @@ def assert_same(mesh, topology, view, config=CONFIG, seed=None, has_signs=True, 
 @pytest.mark.parametrize("direction", [(0.1, -1, 0.2), (0.2, 0.3, -1), (-1, -0.5, 0.3)])
 @pytest.mark.parametrize(("gesture", "side"), [("open", "right"), ("fist", "right"), ("pinch", "left")])
 @pytest.mark.parametrize("seed", [None, 5])
-def test_rays_and_samples_are_those_of_torch(posed, seen_from, direction, gesture, side, seed):
+def test_rays_and_samples_are_those_of_torch(posed, view_from, direction, gesture, side, seed):
     hand = posed(gesture, side)
-    rays = assert_same(hand.mesh, hand.topology, seen_from(hand.mesh, direction), seed=seed)
+    rays = assert_same(hand.mesh, hand.topology, view_from(hand.mesh, direction), seed=seed)
     assert len(rays.pixel) > 200
     assert rays.is_stopped.any()
     assert not rays.is_stopped.all()
@@ -54,14 +54,14 @@ def test_rays_and_samples_are_those_of_torch(posed, seen_from, direction, gestur
 
 @pytest.mark.parametrize(("gesture", "direction"), [("open", (0.1, -1, 0.2)), ("fist", (-1, -0.5, 0.3))])
 @pytest.mark.parametrize("seed", [None, 5])
-def test_samples_about_a_known_surface_are_those_of_torch(posed, seen_from, gesture, direction, seed):
+def test_samples_about_a_known_surface_are_those_of_torch(posed, view_from, gesture, direction, seed):
     """Up to a millimetre before or behind the mesh; at every seventh pixel none, at every ninth elsewhere."""
     hand = posed(gesture)
-    view = seen_from(hand.mesh, direction)
+    view = view_from(hand.mesh, direction)
     depth = first_hit(HandInView(hand.mesh, hand.topology, view)).depth
     depth = depth + 0.001 * torch.sin(torch.arange(len(depth)))
     depth[::7], depth[::9] = torch.inf, depth[::9] + 0.02
-    rays = assert_same(hand.mesh, hand.topology, view, seed=seed, known_depth=depth)
+    rays = assert_same(hand.mesh, hand.topology, view, seed=seed, surface_depth=depth)
     assert rays.t.shape[1] == SAMPLES_AT_SURFACE == 3
     plain = assert_same(hand.mesh, hand.topology, view, seed=seed)
     assert rays.is_stopped.double().mean() > plain.is_stopped.double().mean() + 0.02
@@ -70,35 +70,35 @@ def test_samples_about_a_known_surface_are_those_of_torch(posed, seen_from, gest
     torch.testing.assert_close(8 * plain.dt[~meets], SAMPLES_AT_SURFACE * rays.dt[~meets], atol=0, rtol=3e-7)
 
 
-def test_the_same_generator_jitters_both_alike_and_another_otherwise(posed, seen_from):
+def test_the_same_generator_jitters_both_alike_and_another_otherwise(posed, view_from):
     hand = posed("relaxed")
-    view = seen_from(hand.mesh, (0, -1, 0))
+    view = view_from(hand.mesh, (0, -1, 0))
     one, again, other = (assert_same(hand.mesh, hand.topology, view, seed=seed) for seed in (1, 1, 2))
     assert torch.equal(one.t, again.t)
     assert not torch.equal(one.t, other.t)
 
 
 @pytest.mark.parametrize("layers", [1, 2, 3, 5])
-def test_more_crossings_than_are_kept(posed, seen_from, layers):
+def test_more_crossings_than_are_kept(posed, view_from, layers):
     hand = posed("fist")
-    view = seen_from(hand.mesh, (0.3, 0.8, -0.6))
+    view = view_from(hand.mesh, (0.3, 0.8, -0.6))
     rays = assert_same(hand.mesh, hand.topology, view, SamplerConfig(6, 0.003, layers))
     all_kept = assert_same(hand.mesh, hand.topology, view, SamplerConfig(6, 0.003, 20))
     assert len(rays.pixel) == 0 or not torch.equal(rays.t, all_kept.t)  # they would not fit
 
 
 @pytest.mark.parametrize("samples", [1, 3, 16])
-def test_other_numbers_of_samples_and_a_thicker_shell(posed, seen_from, samples):
+def test_other_numbers_of_samples_and_a_thicker_shell(posed, view_from, samples):
     hand = posed("pinch")
-    view = seen_from(hand.mesh, (1, 0.4, 0.3))
+    view = view_from(hand.mesh, (1, 0.4, 0.3))
     rays = assert_same(hand.mesh, hand.topology, view, SamplerConfig(samples, 0.005))
     assert rays.t.shape[1] == samples
 
 
 @pytest.fixture(scope="module")
-def scene(posed, seen_from):
+def scene(posed, view_from):
     hand = posed("relaxed")
-    return hand.mesh, hand.topology, seen_from(hand.mesh, (0.1, 1, 0.3))
+    return hand.mesh, hand.topology, view_from(hand.mesh, (0.1, 1, 0.3))
 
 
 def test_nothing_in_view(scene):
@@ -118,9 +118,9 @@ def test_one_pixel_row_or_column(scene, size_px):
     assert len(assert_same(mesh, topology, CameraTensors(K, view.world2cam, size_px)).pixel) > 0
 
 
-def test_a_hand_past_the_images_border(posed, seen_from):
+def test_a_hand_past_the_images_border(posed, view_from):
     hand = posed("open")
-    view = seen_from(hand.mesh, (0.2, -1, 0.1), (41, 30), field_m=0.05)
+    view = view_from(hand.mesh, (0.2, -1, 0.1), (41, 30), field_m=0.05)
     rays = assert_same(hand.mesh, hand.topology, view)
     column, row = rays.pixel % 41, rays.pixel // 41
     assert (int(column.min()), int(column.max()), int(row.min()), int(row.max())) == (0, 40, 0, 29)
@@ -142,7 +142,7 @@ def test_a_camera_within_the_shell_and_within_the_hand(posed, height_m):
     assert rays.t.isfinite().all()
 
 
-def test_faces_without_area(posed, seen_from):
+def test_faces_without_area(posed, view_from):
     """A fingertip's vertices drawn together into one: its faces have no area, and some of its normals no length."""
     hand = posed("open")
     tip = hand.mesh.vertices[:, 0].argsort()[:40]
@@ -153,7 +153,7 @@ def test_faces_without_area(posed, seen_from):
     area = torch.linalg.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]).norm(dim=1)
     assert int((area == 0).sum()) > 30
     for direction in ((0, -1, 0.1), (-1, 0.1, 0.2)):
-        rays = assert_same(mesh, hand.topology, seen_from(mesh, direction), has_signs=False)
+        rays = assert_same(mesh, hand.topology, view_from(mesh, direction), has_signs=False)
         assert rays.samples.height_m.isfinite().all()
         assert rays.samples.barycentric.isfinite().all()
 

@@ -14,7 +14,7 @@ from livehand.backend.evaluation.breakdown import (
     with_other_alpha,
 )
 from livehand.backend.evaluation.metrics import psnr_db
-from livehand.backend.evaluation.seen_surface import SeenSurface
+from livehand.backend.evaluation.visible_surface import VisibleSurface
 
 SIZE = (512, 334)
 ROWS, COLUMNS = torch.meshgrid(torch.arange(512.0), torch.arange(334.0), indexing="ij")
@@ -31,10 +31,12 @@ def picture(alpha):
     return torch.cat([straight * alpha[..., None], alpha[..., None]], -1)
 
 
-def surface(depth=None, openness=None, footprint_m=0.0005, scale=1.0):
+def surface(depth=None, ambient_occlusion=None, footprint_m=0.0005, scale=1.0):
     depth = torch.where(disc() > 0.5, 0.6, torch.inf) if depth is None else depth
     footprint = torch.full(SIZE, footprint_m)
-    return SeenSurface(depth, torch.ones(SIZE) if openness is None else openness, footprint, torch.tensor(scale))
+    return VisibleSurface(
+        depth, torch.ones(SIZE) if ambient_occlusion is None else ambient_occlusion, footprint, torch.tensor(scale)
+    )
 
 
 def with_error(truth, error):
@@ -96,17 +98,17 @@ def test_an_error_at_a_fingers_edge_is_occlusion():
 
 def test_an_error_at_low_openness_is_contact():
     truth = picture(disc())
-    openness = torch.where((ROWS > 240) & (ROWS < 260), 0.3, 0.9)
+    ambient_occlusion = torch.where((ROWS > 240) & (ROWS < 260), 0.3, 0.9)
     in_crease = with_error(truth, noise() * ((ROWS > 242) & (ROWS < 258))[..., None])
-    found = error_breakdown(in_crease, truth, surface(openness=openness))
+    found = error_breakdown(in_crease, truth, surface(ambient_occlusion=ambient_occlusion))
     assert found.share["contact"] > 0.95
     assert found.share["texture"] == 0
 
 
 def test_every_pixel_has_one_region_and_bands_grow_with_the_image():
     depth = torch.where(COLUMNS < 150, 0.6, 0.62)
-    alpha, openness = disc(), torch.where(ROWS > 300, 0.1, 1.0)
-    whole = regions_of(alpha, alpha, surface(depth, openness))
+    alpha, ambient_occlusion = disc(), torch.where(ROWS > 300, 0.1, 1.0)
+    whole = regions_of(alpha, alpha, surface(depth, ambient_occlusion))
     assert (torch.stack(whole).sum(0) == 1).all()
     assert (whole.silhouette | (alpha > 0.5)).all()
     # Three pixels each side of the outline, straight below the centre, where row 355 is the last.
@@ -114,8 +116,8 @@ def test_every_pixel_has_one_region_and_bands_grow_with_the_image():
     assert column[256:].nonzero().flatten().add(256).tolist() == [353, 354, 355]
     assert whole.occlusion[256, 120:180].nonzero().flatten().add(120).tolist() == [147, 148, 149, 150, 151, 152]
     half = slice(None, None, 2)
-    parts = (x[half, half] for x in (depth, openness, torch.full(SIZE, 0.001)))
-    small = regions_of(alpha[half, half], alpha[half, half], SeenSurface(*parts, torch.tensor(1.0)))
+    parts = (x[half, half] for x in (depth, ambient_occlusion, torch.full(SIZE, 0.001)))
+    small = regions_of(alpha[half, half], alpha[half, half], VisibleSurface(*parts, torch.tensor(1.0)))
     assert small.occlusion[128, 60:90].nonzero().flatten().add(60).tolist() == [73, 74, 75, 76]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.evaluation.cie_lab import lab, lightness
+from livehand.backend.evaluation.skin_colours import lab, lightness
 from livehand.backend.image.srgb import srgb_to_linear
 
 

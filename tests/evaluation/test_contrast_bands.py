@@ -11,7 +11,7 @@ from livehand.backend.evaluation.contrast_bands import (
     contrast,
     contrast_figures,
 )
-from livehand.backend.evaluation.seen_surface import SeenSurface
+from livehand.backend.evaluation.visible_surface import VisibleSurface
 from livehand.backend.image.srgb import linear_to_srgb
 
 MM_PER_PX = 0.25
@@ -77,7 +77,7 @@ def test_the_truth_has_keys_of_its_own():
     image, truth = (torch.cat([waves(3.0, size), alpha], -1).numpy() for size in (3.0, 6.0))
     depth = torch.full((20, 4000), 0.5)
     depth[:5] = torch.inf
-    surface = SeenSurface(depth, torch.ones(20, 4000), depth * 0.0005, torch.tensor(1.0))
+    surface = VisibleSurface(depth, torch.ones(20, 4000), depth * 0.0005, torch.tensor(1.0))
     figures = contrast_figures(image, truth, surface)
     assert set(figures) == {*CONTRAST_KEYS, *(f"{key}_truth" for key in CONTRAST_KEYS)}
     assert figures["l_2_4"] / figures["l_2_4_truth"] == pytest.approx(0.5, rel=0.01)

@@ -23,7 +23,7 @@ from livehand.backend.evaluation.contact_sheet import (
 )
 from livehand.backend.evaluation.distances import Distance
 from livehand.backend.evaluation.evaluate import check_any, encoded_on_black, scored_views
-from livehand.backend.evaluation.summary import summary
+from livehand.backend.evaluation.report import summary
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.hand.lbs import SkinTensors, pose_hand, posed_vertices
@@ -164,7 +164,7 @@ def test_a_lit_view_is_rendered_in_its_light_and_exposed_by_its_truth(renderer, 
     scored = list(scored_views(renderer, lit_capture, lit_capture.views))
     assert len(lights) == 8
     assert all(light.lamps is lit_capture.lights[index % 2].light.lamps for index, light in enumerate(lights))
-    assert {light.penumbra for light in lights} == {"fine"}, "as frames that are kept"
+    assert {light.shadow_quality for light in lights} == {"fine"}, "as frames that are kept"
     assert [view.score.light_kind for view in scored] == ["soft", "key"] * 4
     for view in scored:
         assert view.score.figures["psnr_hand"] > 60

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 import torch
-from livehand.backend.evaluation.figures import view_figures
-from livehand.backend.evaluation.flip import has_flip
-from livehand.backend.evaluation.seen_surface import SeenSurface
+from livehand.backend.evaluation.figures import has_flip, view_figures
+from livehand.backend.evaluation.visible_surface import VisibleSurface
 
 
 def pair():
@@ -22,7 +21,7 @@ def pair():
 def figures():
     image, truth = pair()
     plain = torch.full((60, 120), 0.5)
-    return view_figures(image, truth, SeenSurface(plain, plain + 0.5, plain / 1000, torch.tensor(1.0)))
+    return view_figures(image, truth, VisibleSurface(plain, plain + 0.5, plain / 1000, torch.tensor(1.0)))
 
 
 def test_an_error_beside_the_hand_affects_only_the_full_metrics(figures):

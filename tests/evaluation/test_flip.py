@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.evaluation import flip
-from livehand.backend.evaluation.flip import flip_map
+from livehand.backend.evaluation import figures as flip
+from livehand.backend.evaluation.figures import flip_map
 from livehand.backend.records.errors import LiveHandError
 
 flip_evaluator = pytest.importorskip("flip_evaluator", reason="the extra `metrics` is not installed")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.evaluation.posed_hands import PosedHands
+from livehand.backend.evaluation.figures import PosedHands
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
@@ -20,7 +20,7 @@ def test_a_view_sees_its_own_pose_and_side(painted_capture):
     view = painted_capture.views[0]
     covered = []
     for index in (0, 1, 2, 0):
-        seen = hands.seen_by(type(view)(view.file, view.camera, 0, index, "train"))
+        seen = hands.visible_to(type(view)(view.file, view.camera, 0, index, "train"))
         positions_px, depth = view.camera.project(vertices[index])
         faces = hand.for_side(poses[index].side).f
         found = rasterise(*(torch.as_tensor(x) for x in (positions_px, depth, faces)), view.camera.size_px)

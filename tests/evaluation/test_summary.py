@@ -9,8 +9,16 @@ import pytest
 from livehand.backend.evaluation.breakdown import CAUSES, REGIONS
 from livehand.backend.evaluation.contrast_bands import CONTRAST_KEYS
 from livehand.backend.evaluation.evaluate import ViewScore
-from livehand.backend.evaluation.report import scores_csv, summary_json, summary_tables, write_text
-from livehand.backend.evaluation.summary import by_light, by_split, gain_db, summary
+from livehand.backend.evaluation.report import (
+    by_light,
+    by_split,
+    gain_db,
+    scores_csv,
+    summary,
+    summary_json,
+    summary_tables,
+    write_text,
+)
 from livehand.backend.records.errors import LiveHandError
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.evaluation.train_view_angle import train_origins, train_view_angle_deg, train_view_angles_deg
+from livehand.backend.evaluation.figures import train_origins, train_view_angle_deg, train_view_angles_deg
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 0.001, 24.9, 90.0, 180.0])

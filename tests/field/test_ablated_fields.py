@@ -7,7 +7,7 @@ import pytest
 import torch
 from livehand.backend.avatars.avatar import AvatarConfig, build_field, new_avatar
 from livehand.backend.avatars.file import load_avatar, save_avatar
-from livehand.backend.field.conditions import FieldInputs, SamplePlaces
+from livehand.backend.field.conditions import FieldInputs, SamplePoints
 from livehand.backend.field.field import CHANNELS, FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.field.volume import Steps
@@ -46,10 +46,10 @@ def inputs_of(seed=0):
 
     weights = rand(count, 16) * (rand(count, 16) > 0.8)
     weights[:, 0] += 0.1
-    places = SamplePlaces(rand(count, 3), 0.05 * rand(count, 16, 3), weights / weights.sum(1, keepdim=True))
+    points = SamplePoints(rand(count, 3), 0.05 * rand(count, 16, 3), weights / weights.sum(1, keepdim=True))
     empty = {name: torch.empty(0) for name in FieldInputs._fields}
     view = torch.nn.functional.normalize(rand(RAYS, 3) - 0.5, dim=-1)
-    return FieldInputs(**(empty | {"view": view, "theta": rand(48), "place": places}))
+    return FieldInputs(**(empty | {"view": view, "theta": rand(48), "place": points}))
 
 
 def ask(field, inputs):

@@ -66,9 +66,9 @@ def test_between_texels_it_is_trilinear(plane, read):
     rng = np.random.default_rng(0)
     uv, height = rng.uniform(-0.05, 1.05, (200, 2)), rng.uniform(-1.2, 1.2, 200)
     volume = plane.table.detach().reshape(8, 8, 3, 2).numpy()
-    places = [uv[:, 1] * 8 - 0.5, uv[:, 0] * 8 - 0.5, height.clip(-1, 1) + 1]
-    places = [np.clip(place, 0, limit) for place, limit in zip(places, (7, 7, 2), strict=True)]
-    expected = np.stack([map_coordinates(volume[..., c], places, order=1) for c in range(2)], 1)
+    points = [uv[:, 1] * 8 - 0.5, uv[:, 0] * 8 - 0.5, height.clip(-1, 1) + 1]
+    points = [np.clip(place, 0, limit) for place, limit in zip(points, (7, 7, 2), strict=True)]
+    expected = np.stack([map_coordinates(volume[..., c], points, order=1) for c in range(2)], 1)
     np.testing.assert_allclose(read(plane, torch.as_tensor(uv), torch.as_tensor(height)).detach(), expected, atol=1e-12)
 
 

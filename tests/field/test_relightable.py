@@ -5,7 +5,7 @@ from livehand.backend.avatars.avatar import PRESETS, build_field
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.volume import Composite
 from livehand.backend.geometry.torch_rotation import axis_angle_to_matrix
-from livehand.backend.light.lighting import COEFFICIENTS, LIT_FEATURES, Openness
+from livehand.backend.light.lighting import COEFFICIENTS, RELIGHTABLE_FEATURES, AmbientOcclusion
 from torch.nn.functional import normalize
 
 CONFIG = FieldConfig(width=16, planes=((32, 3, 4),), relief=8, light="linear")
@@ -24,14 +24,14 @@ def gathered_by(field, alpha=None):
 
 def view_and_openness():
     view = normalize(rand(RAYS, 3, seed=2) - 0.5, dim=-1)
-    return view, Openness(rand(RAYS, seed=3), normalize(rand(RAYS, 3, seed=4) - 0.5, dim=-1))
+    return view, AmbientOcclusion(rand(RAYS, seed=3), normalize(rand(RAYS, 3, seed=4) - 0.5, dim=-1))
 
 
 def test_coefficients_are_premultiplied_and_not_negative():
     field = build_field(CONFIG)
     gathered = gathered_by(field)
     decoded = field.decode(gathered, *view_and_openness())
-    assert decoded.channels.shape == (RAYS, COEFFICIENTS + LIT_FEATURES)
+    assert decoded.channels.shape == (RAYS, COEFFICIENTS + RELIGHTABLE_FEATURES)
     assert (decoded.channels[:, :COEFFICIENTS] >= 0).all()
     mean = gathered._replace(channels=gathered.channels / gathered.alpha[:, None], alpha=torch.ones(RAYS))
     straight = field.decode(mean, *view_and_openness()).channels
@@ -46,15 +46,15 @@ def test_a_ray_that_meets_nothing_has_no_coefficients():
 
 def test_turning_hand_view_and_openness_together_changes_nothing():
     field = build_field(CONFIG)
-    gathered, (view, open_to) = gathered_by(field), view_and_openness()
+    gathered, (view, occlusion) = gathered_by(field), view_and_openness()
     turn = axis_angle_to_matrix(torch.tensor([0.4, -1.1, 0.7]))
     at = field.near_channels
     normals = gathered.channels[:, at : at + 6].reshape(RAYS, 2, 3) @ turn.T
     turned = gathered._replace(channels=torch.cat([gathered.channels[:, :at], normals.flatten(1)], 1))
-    expected = field.decode(gathered, view, open_to).channels
-    found = field.decode(turned, view @ turn.T, Openness(open_to.share, open_to.towards @ turn.T)).channels
+    expected = field.decode(gathered, view, occlusion).channels
+    found = field.decode(turned, view @ turn.T, AmbientOcclusion(occlusion.share, occlusion.towards @ turn.T)).channels
     torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-4)
-    without = field.decode(turned, view, open_to).channels
+    without = field.decode(turned, view, occlusion).channels
     assert (without - expected).abs().max() > 1e-3
 
 

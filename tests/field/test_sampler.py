@@ -124,14 +124,14 @@ def test_a_ray_that_grazes_one_sphere_twice_over_nothing_is_sampled_through(sphe
 def union_places(intervals, pixel, t):
     """How far along the union of its ray's intervals each sample lies, m; None where it lies outside all of them."""
     row = {p: i for i, p in enumerate(intervals.pixel.tolist())}
-    places = np.full(t.shape, np.nan)
+    positions = np.full(t.shape, np.nan)
     for r, p in enumerate(pixel.tolist()):
         before = 0.0
         for start, end in zip(intervals.start[row[p]].tolist(), intervals.end[row[p]].tolist(), strict=True):
             inside = (t[r] >= start - 1e-6) & (t[r] <= end + 1e-6) & (end > start)
-            places[r] = np.where(inside, before + t[r] - start, places[r])
+            positions[r] = np.where(inside, before + t[r] - start, positions[r])
             before += end - start
-    return places
+    return positions
 
 
 @pytest.mark.slow
@@ -140,9 +140,9 @@ def test_samples_are_equally_spaced_over_the_union_of_the_intervals(spheres):
     view = a_view()
     intervals = shell_intervals(HandInView(mesh, topology, view), CONFIG)
     rays = sample_rays(HandInView(mesh, topology, view), CONFIG)
-    places = union_places(intervals, rays.pixel, rays.t.numpy())
+    positions = union_places(intervals, rays.pixel, rays.t.numpy())
     total = (intervals.end - intervals.start).sum(1, keepdim=True).numpy()
-    np.testing.assert_allclose(places, total * (np.arange(8) + 0.5) / 8, atol=2e-6)
+    np.testing.assert_allclose(positions, total * (np.arange(8) + 0.5) / 8, atol=2e-6)
     np.testing.assert_allclose(rays.dt, total[:, 0] / 8, rtol=1e-5)
     assert ((intervals.end > intervals.start).sum(1) > 1).any()
     points = origin_of(view) + rays.t[..., None].double() * rays.directions[:, None].double()
@@ -183,8 +183,8 @@ def test_a_larger_world_has_a_larger_shell(spheres):
 
 @pytest.mark.slow
 def test_layers_beyond_those_kept_do_not_disturb_the_first(spheres):
-    places = [((0.0, 0.06 * k, 0.0), 0.02) for k in range(5)]
-    mesh, topology = spheres(*places)
+    positions = [((0.0, 0.06 * k, 0.0), 0.02) for k in range(5)]
+    mesh, topology = spheres(*positions)
     view = a_view(origin=(0.01, -0.42, 0.012))
     few = shell_intervals(HandInView(mesh, topology, view), SamplerConfig(shell_m=0.004, max_layers=2))
     many = shell_intervals(HandInView(mesh, topology, view), SamplerConfig(shell_m=0.004, max_layers=20))
@@ -331,8 +331,8 @@ def test_of_two_spheres_whose_shells_overlap_both_are_open_behind_the_second_fro
     assert int((clear & (overlap[:, None] < 0)).sum()) > 20
 
 
-def test_every_sample_lies_behind_a_crossing(posed, seen_from):
+def test_every_sample_lies_behind_a_crossing(posed, view_from):
     for gesture in ("open", "fist"):
         hand = posed(gesture)
-        rays = sample_rays(HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, (0.2, -1, 0.3))), CONFIG)
+        rays = sample_rays(HandInView(hand.mesh, hand.topology, view_from(hand.mesh, (0.2, -1, 0.3))), CONFIG)
         assert rays.is_open.any(2).all()

@@ -10,7 +10,7 @@ from livehand.backend.field.field import FieldConfig, PaperField
 from livehand.backend.field.rays import HandInView, split_rays
 from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.field.shade import shade
-from livehand.backend.field.trace import trace as trace_reference
+from livehand.backend.field.surface_tracking import trace as trace_reference
 from livehand.backend.field.volume import Composite
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.records.render_hooks import RenderHooks
@@ -29,10 +29,10 @@ class Recorder(PaperField):
 
 
 @pytest.fixture(scope="module")
-def scene(posed, seen_from):
+def scene(posed, view_from):
     """(rays, hand in view, conditions)."""
     hand = posed("relaxed")
-    seen = HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, (0.2, 1, 0.4), (20, 22)))
+    seen = HandInView(hand.mesh, hand.topology, view_from(hand.mesh, (0.2, 1, 0.4), (20, 22)))
     return trace_reference(seen, CONFIG), seen, hand.conditions()
 
 
@@ -94,10 +94,10 @@ DENSE = FieldConfig(width=24, density_width=12, planes=((32, 3, 4), (128, 2, 8),
 
 
 @pytest.fixture(scope="module")
-def fist(posed, seen_from):
+def fist(posed, view_from):
     """(rays, hand in view, conditions, shell): a fist, so that some rays end at the hand and some do not."""
     hand = posed("fist")
-    view = seen_from(hand.mesh, (0.2, 1, 0.4), (22, 20))
+    view = view_from(hand.mesh, (0.2, 1, 0.4), (22, 20))
     generator = torch.Generator().manual_seed(0)
     seen = HandInView(hand.mesh, hand.topology, view)
     rays = trace_reference(seen, JITTERED, generator)

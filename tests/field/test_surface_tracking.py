@@ -24,7 +24,7 @@ def posed(posed_without_arm):
 
 
 @pytest.fixture(scope="module")
-def tracked(posed, seen_from, nearest_face):
+def tracked(posed, view_from, nearest_face):
     """A function gesture -> (rays, samples, distance [S] to the nearest of all faces), from five sides, jittered."""
 
     def look(gesture):
@@ -32,7 +32,7 @@ def tracked(posed, seen_from, nearest_face):
         triangles = hand.mesh.vertices[hand.topology.faces]
         seen = []
         for seed, side in enumerate(SIDES):
-            view = seen_from(hand.mesh, side)
+            view = view_from(hand.mesh, side)
             generator = torch.Generator().manual_seed(seed)
             rays = sample_rays(HandInView(hand.mesh, hand.topology, view), CONFIG, generator)
             rays = type(rays)(*(values[::2] for values in rays))
@@ -106,10 +106,10 @@ A, B, OVERLAP_M = (0.0, 0.0, 0.0), (0.039, 0.0, 0.0), 0.001
 RADIUS_M = 0.02
 
 
-def test_a_sample_in_two_parts_belongs_to_the_one_that_holds_it_deepest(spheres, seen_from, nearest_face, backend):
+def test_a_sample_in_two_parts_belongs_to_the_one_that_holds_it_deepest(spheres, view_from, nearest_face, backend):
     """Two spheres that overlap by 1 mm. Nearest is the skin that is about to end; deepest is the other's inside."""
     mesh, topology = spheres((A, RADIUS_M), (B, RADIUS_M))
-    view = seen_from(mesh, (0.02, -1, 0.03), (96, 80), field_m=0.06)
+    view = view_from(mesh, (0.02, -1, 0.03), (96, 80), field_m=0.06)
     rays = backend.trace(HandInView(mesh, topology, view), SamplerConfig(16, SHELL_M))
     origin = -view.world2cam[:3, :3].T @ view.world2cam[:3, 3]
     points = (origin + rays.t[..., None] * rays.directions[:, None]).flatten(0, 1)
@@ -145,9 +145,9 @@ def test_inside_one_and_outside_the_other_it_is_the_one_it_is_inside(spheres):
 
 
 @pytest.fixture(scope="module")
-def pinched(posed, seen_from):
+def pinched(posed, view_from):
     hand = posed("pinch")
-    return hand, sample_rays(HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, SIDES[2])), CONFIG)
+    return hand, sample_rays(HandInView(hand.mesh, hand.topology, view_from(hand.mesh, SIDES[2])), CONFIG)
 
 
 def test_a_rigid_motion_changes_nothing(pinched):

@@ -21,7 +21,7 @@ from livehand.backend.avatars.metadata import HEADER_KEY, read_metadata
 from livehand.backend.batch.frame_file import is_finished
 from livehand.backend.batch.frame_records import joined_records, kept_records, read_records, record_of
 from livehand.backend.batch.frame_selection import parse_chunk, parse_frames
-from livehand.backend.batch.lease_owner import read_owner, signature
+from livehand.backend.batch.leases import read_owner, signature
 from livehand.backend.batch.shot_version import ShotVersion, others_message
 from livehand.backend.capture.capture import Capture, CaptureView, load_capture, save_capture_index
 from livehand.backend.capture.exr import read_exr, write_exr
@@ -49,7 +49,7 @@ from livehand.backend.research.comparison.grid import load_pictures, save_pictur
 from livehand.backend.surface.base_surface import surface_of_person
 from livehand.backend.surface.surface_file import read_surface, write_surface
 from livehand.backend.system.command import parse_size_px
-from livehand.backend.system.json_file import read_json
+from livehand.backend.system.readers import read_json
 from livehand.backend.tracking import sighted_take, video
 from livehand.backend.tracking.film_clock import FilmClock
 from livehand.backend.training.checkpoint import Progress, TrainState, load_checkpoint, save_checkpoint
@@ -172,16 +172,16 @@ def motion_seeds():
 
 
 def _take():
-    places = 320 + 900 * _POINTS[None, :, [0, 2]]
-    hand = {"right_frames": np.arange(4), "right_px": np.repeat(places, 4, 0), "right_world": np.stack([_POINTS] * 4)}
+    points = 320 + 900 * _POINTS[None, :, [0, 2]]
+    hand = {"right_frames": np.arange(4), "right_px": np.repeat(points, 4, 0), "right_world": np.stack([_POINTS] * 4)}
     return {"size_px": np.array([640, 480]), "focal_px": 600.0, "times": np.arange(4) / 30, "fps": 30.0, **hand}
 
 
 def _webxr():
-    places = ["metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"]
+    points = ["metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"]
     for k, finger in enumerate(("index-finger", "middle-finger", "ring-finger", "pinky-finger")):
-        yield from ((finger, place, _POINTS[5 + 4 * k - 1 + j].tolist()) for j, place in enumerate(places))
-    yield from (("thumb", place, _POINTS[1].tolist()) for place in places if "intermediate" not in place)
+        yield from ((finger, place, _POINTS[5 + 4 * k - 1 + j].tolist()) for j, place in enumerate(points))
+    yield from (("thumb", place, _POINTS[1].tolist()) for place in points if "intermediate" not in place)
     yield "wrist", "", _POINTS[0].tolist()
 
 

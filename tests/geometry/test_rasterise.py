@@ -108,8 +108,8 @@ def test_a_triangle_by_hand():
     """Legs of 3 px from (1, 1): the centres (1.5, 1.5), (2.5, 1.5), (1.5, 2.5) and, on the slope, (3.5, 1.5) ..."""
     corners = torch.tensor([[1.0, 1.0], [4.0, 1.0], [1.0, 4.0]], dtype=torch.float64)
     fragments = rasterise(corners, torch.ones(3, dtype=torch.float64), torch.tensor([[0, 1, 2]]), (10, 10))
-    places = sorted((pixel % 10, pixel // 10) for pixel in fragments.pixel.tolist())
-    assert places == [(1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (3, 1)]
+    points = sorted((pixel % 10, pixel // 10) for pixel in fragments.pixel.tolist())
+    assert points == [(1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (3, 1)]
     assert not fragments.is_front.any()  # runs clockwise with y down: seen from behind
 
 

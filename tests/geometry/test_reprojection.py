@@ -4,17 +4,17 @@ import pytest
 import torch
 from livehand.backend.field.rays import HandInView, ray_origin
 from livehand.backend.field.sampler import SamplerConfig
-from livehand.backend.field.trace import trace
+from livehand.backend.field.surface_tracking import trace
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.reprojection import reproject
 from livehand.backend.geometry.uvh import interpolate
 
 
 @pytest.fixture(scope="module")
-def traced(posed, seen_from):
+def traced(posed, view_from):
     """The open hand's samples: topology, mesh, points [S, 3], samples."""
     hand = posed("open")
-    view = seen_from(hand.mesh, [0.2, 1, 0.3])
+    view = view_from(hand.mesh, [0.2, 1, 0.3])
     rays = trace(HandInView(hand.mesh, hand.topology, view), SamplerConfig(), torch.Generator().manual_seed(0))
     points = (ray_origin(view) + rays.t[..., None] * rays.directions[:, None]).flatten(0, 1)
     return hand.topology, hand.mesh, points, rays.samples

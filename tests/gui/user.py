@@ -38,12 +38,12 @@ def click(x, y, button=1):
     yield PAUSE_S
 
 
-def drag(*places, hold=lambda: None):
+def drag(*points, hold=lambda: None):
     """Press at the first position and release at the last; `hold` is called before the release."""
-    yield from move(*places[0])
+    yield from move(*points[0])
     yield from xdotool("mousedown", 1)
     yield 0.2
-    for place in places[1:]:
+    for place in points[1:]:
         yield from move(*place)
     yield PAUSE_S
     hold()
@@ -51,10 +51,10 @@ def drag(*places, hold=lambda: None):
     yield PAUSE_S
 
 
-def drag_from_outside(*places):
+def drag_from_outside(*points):
     """Drag from another program's window in one command, because Blender's event loop is blocked until the drop."""
-    words = ["mousemove", *places[0], "sleep", "0.5", "mousedown", 1]
-    for place in places[1:]:
+    words = ["mousemove", *points[0], "sleep", "0.5", "mousedown", 1]
+    for place in points[1:]:
         words += ["sleep", "0.4", "mousemove", *map(round, place)]
     yield from xdotool(*words, "sleep", "0.6", "mouseup", 1)
     yield 1

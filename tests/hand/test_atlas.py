@@ -164,11 +164,11 @@ def test_a_cap_chart_has_the_mean_scale_where_there_is_room():
 
 def test_a_flat_cap_keeps_lengths_and_orientation():
     vertices = np.array([[0, 0, 0], [0, 2, 0], [0, 2, 3], [0, 0, 3.0]])
-    places, faces = flat_cap(vertices, np.array([[0, 1, 2], [0, 2, 3]]))
-    assert sorted(np.ptp(places, axis=0)) == pytest.approx([2, 3])
-    assert places.min(0) == pytest.approx([0, 0])
-    assert (signed_areas(places, faces) > 0).all()
-    assert signed_areas(places, faces).sum() == pytest.approx(6)
+    points, faces = flat_cap(vertices, np.array([[0, 1, 2], [0, 2, 3]]))
+    assert sorted(np.ptp(points, axis=0)) == pytest.approx([2, 3])
+    assert points.min(0) == pytest.approx([0, 0])
+    assert (signed_areas(points, faces) > 0).all()
+    assert signed_areas(points, faces).sum() == pytest.approx(6)
 
 
 def test_unwrapped_charts_cover_and_do_not_overlap(hand):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
-from livehand.backend.surface.raised_skin import PoseForm
+from livehand.backend.surface.detail_surface import PoseForm
 from livehand.backend.teacher.detailed_surface import detailed_surface
 from livehand.backend.teacher.frames import swap_distal, template_to_build
 from livehand.backend.teacher.rays import build_rays

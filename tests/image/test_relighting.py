@@ -8,33 +8,33 @@ import torch
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.rays import CameraTensors, camera_tensors, ray_directions
 from livehand.backend.field.volume import Composite
-from livehand.backend.image.relighting import (
+from livehand.backend.image.shading import (
     EnlargedRays,
     RaysAround,
-    SkinDepth,
+    SurfaceDepth,
     covered_pixels,
     detailed,
     enlarged_rays,
-    lit_image,
     neighbours,
     normals_at_steps,
-    relit_rays,
+    shade_rays,
+    shading_inputs,
     shares_of_rays,
     smoothed_rays,
 )
 from livehand.backend.image.superres import SuperResConfig, build_superres, enlarge
-from livehand.backend.light.bounce import SkinPlaces
+from livehand.backend.light.indirect_diffuse import MeshPoints
 from livehand.backend.light.lighting import (
     COEFFICIENTS,
     DIFFUSE,
     GLOSS,
-    LIT_FEATURES,
+    RELIGHTABLE_FEATURES,
     SMOOTH,
-    BumpedSkin,
+    BumpMapping,
     LightFeatures,
     SurfacePoints,
 )
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.prefiltered_environment import PrefilteredEnvironment
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Sky
 from torch.nn.functional import normalize
@@ -51,14 +51,14 @@ def some_rays(pixel, seed=0):
     camera = camera_tensors(Camera(np.array([[20.0, 0, 4], [0, 20, 3], [0, 0, 1]]), CAM2WORLD, SIZE), "cpu")
     view = normalize(ray_directions(camera, pixel), dim=-1)
     coefficients = torch.rand(COEFFICIENTS, generator=generator).expand(len(pixel), -1)
-    channels = torch.cat([coefficients, torch.zeros(len(pixel), LIT_FEATURES)], 1)
+    channels = torch.cat([coefficients, torch.zeros(len(pixel), RELIGHTABLE_FEATURES)], 1)
     low = Composite(channels, torch.ones(len(pixel)), torch.full((len(pixel),), 0.5), torch.ones(len(pixel), 1))
     normal = -torch.as_tensor(CAM2WORLD[:3, 2], dtype=torch.float32).expand(len(pixel), 3)
     return (
         camera,
         low,
         SurfacePoints(
-            0.5 * view, normal, normal, view, SkinPlaces(torch.zeros(len(view), 3).long(), torch.zeros(len(view), 3))
+            0.5 * view, normal, normal, view, MeshPoints(torch.zeros(len(view), 3).long(), torch.zeros(len(view), 3))
         ),
     )
 
@@ -78,7 +78,7 @@ def some_features(count, seed=1):
 
 
 def some_sky(seed):
-    return MirroredSky.of(Sky(np.random.default_rng(seed).uniform(0, 1, (4, 8, 3))), "cpu")
+    return PrefilteredEnvironment.of(Sky(np.random.default_rng(seed).uniform(0, 1, (4, 8, 3))), "cpu")
 
 
 def untrained(seed=0):
@@ -90,15 +90,15 @@ def untrained(seed=0):
 
 ALL = torch.arange(SIZE[0] * SIZE[1])
 EDGE = torch.tensor(0.003)
-BESIDE = SkinDepth(torch.full((4 * len(ALL),), torch.inf), EDGE)  # nowhere
+BESIDE = SurfaceDepth(torch.full((4 * len(ALL),), torch.inf), EDGE)  # nowhere
 
 
 def test_an_even_patch_has_the_colour_of_its_rays(backend):
     camera, low, points = some_rays(ALL)
     features = some_features(len(ALL))
-    image = lit_image(untrained(), low, points, ALL, camera, BESIDE)
-    large = backend.relit(image, features, ALL, SIZE)
-    small = relit_rays(low, points, features)
+    image = shading_inputs(untrained(), low, points, ALL, camera, BESIDE)
+    large = backend.shade_image(image, features, ALL, SIZE)
+    small = shade_rays(low, points, features)
     assert large.shape == (3, 2 * SIZE[1], 2 * SIZE[0])
     # Only the view differs from pixel to pixel: the gloss alone varies, and little.
     torch.testing.assert_close(large.mean((1, 2)), small.mean(0), rtol=0.01, atol=1e-4)
@@ -107,7 +107,7 @@ def test_an_even_patch_has_the_colour_of_its_rays(backend):
 
 def test_normals_and_views_of_the_image_are_the_worlds():
     camera, low, points = some_rays(ALL)
-    image = lit_image(untrained(), low, points, ALL, camera, BESIDE)
+    image = shading_inputs(untrained(), low, points, ALL, camera, BESIDE)
     torch.testing.assert_close(image.normal, points.normal[:1].expand_as(image.normal), atol=1e-5, rtol=0)
     assert len(image.pixel) == 4 * len(ALL)
     # A pixel's view lies between those of the rays around it; four of them share a ray's.
@@ -121,15 +121,15 @@ def test_light_does_not_bleed_from_where_there_is_no_ray(backend):
     pixel = torch.tensor([12, 13, 21, 22])
     camera, low, points = some_rays(pixel)
     features = some_features(4)
-    image = lit_image(untrained(), low, points, pixel, camera, BESIDE)
+    image = shading_inputs(untrained(), low, points, pixel, camera, BESIDE)
     coefficients = torch.zeros_like(image.coefficients)
     coefficients[:, DIFFUSE] = 1
     even = image._replace(coefficients=coefficients)
-    lit = backend.relit(even, features, pixel, SIZE).flatten(1)[:, image.pixel]
+    lit = backend.shade_image(even, features, pixel, SIZE).flatten(1)[:, image.pixel]
     torch.testing.assert_close(lit, lit[:, :1].expand_as(lit), rtol=1e-4, atol=1e-6)
     outside = torch.ones(4 * SIZE[0] * SIZE[1], dtype=torch.bool)
     outside[image.pixel] = False
-    assert backend.relit(even, features, pixel, SIZE).flatten(1)[:, outside].abs().max() == 0
+    assert backend.shade_image(even, features, pixel, SIZE).flatten(1)[:, outside].abs().max() == 0
 
 
 @pytest.mark.parametrize("lamps", [0, 1, 4])
@@ -139,7 +139,7 @@ def test_both_backends_agree_on_any_rays(backend_pair, lamps):
     camera, low, points = some_rays(pixel)
     low = low._replace(channels=torch.rand(low.channels.shape, generator=generator))
     relief = normalize(points.normal + 0.4 * torch.randn(30, 3, generator=generator), dim=-1)
-    image = lit_image(untrained(), low, points._replace(relief_normal=relief), pixel, camera, BESIDE)
+    image = shading_inputs(untrained(), low, points._replace(relief_normal=relief), pixel, camera, BESIDE)
     features = LightFeatures(
         torch.randn(30, lamps, 3, generator=generator) / pi,
         torch.rand(lamps, 3, generator=generator),
@@ -151,7 +151,7 @@ def test_both_backends_agree_on_any_rays(backend_pair, lamps):
         *(torch.rand(30, 3, generator=generator) for _ in range(2)),
     )
     bent = normalize(image.normal + 0.5 * torch.randn(len(image.pixel), 3, generator=generator), dim=-1)
-    skin = BumpedSkin(
+    skin = BumpMapping(
         surface_normal=image.normal,
         blurred_normal=normalize(image.normal + 0.3 * torch.randn(len(bent), 3, generator=generator), dim=-1),
         sharpness=torch.tensor([0.0, 0.6, 0.9]),
@@ -163,7 +163,7 @@ def test_both_backends_agree_on_any_rays(backend_pair, lamps):
     coefficients[::5, GLOSS] = 0
     assert (coefficients[:, GLOSS] == 0).any(0).all()
     image = image._replace(normal=bent, skin=skin, coefficients=coefficients)
-    ours, theirs = (backend.relit(image, features, pixel, SIZE) for backend in backend_pair)
+    ours, theirs = (backend.shade_image(image, features, pixel, SIZE) for backend in backend_pair)
     torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-3)
     assert ours.abs().max() > 0.1
 
@@ -172,7 +172,9 @@ def test_both_backends_enlarge_rays_alike_and_leave_the_rest_empty(backend_pair)
     pixel = torch.tensor([12, 13, 21, 22])
     camera, low, points = some_rays(pixel)
     noise = torch.rand(1, 12, 2 * SIZE[1], 2 * SIZE[0], generator=torch.Generator().manual_seed(2))
-    ours, theirs = (backend.lit_image(lambda _: noise, low, points, pixel, camera, BESIDE) for backend in backend_pair)
+    ours, theirs = (
+        backend.shading_inputs(lambda _: noise, low, points, pixel, camera, BESIDE) for backend in backend_pair
+    )
     for one, other in zip(ours, theirs, strict=True):
         torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-4)
     outside = torch.ones(4 * len(ALL), dtype=torch.bool)
@@ -202,10 +204,10 @@ def test_gradients_reach_coefficients_and_normals():
     network = untrained()
     relief = points.relief_normal.clone().requires_grad_()
     channels = low.channels.clone().requires_grad_()
-    image = lit_image(
+    image = shading_inputs(
         network, low._replace(channels=channels), points._replace(relief_normal=relief), ALL, camera, BESIDE
     )
-    ReferenceBackend().relit(image, some_features(len(ALL)), ALL, SIZE).square().mean().backward()
+    ReferenceBackend().shade_image(image, some_features(len(ALL)), ALL, SIZE).square().mean().backward()
     assert relief.grad.isfinite().all()
     assert relief.grad.abs().sum() > 0
     assert channels.grad[:, :COEFFICIENTS].isfinite().all()
@@ -235,7 +237,7 @@ def test_light_stays_on_its_surface():
     position = points.view * (depth / (points.view @ camera.world2cam[2, :3]))[:, None]
     at = torch.arange(4 * len(ALL))
     is_finger_there = at % (2 * SIZE[0]) < 9  # a column farther than the rays say
-    share = shares_of_rays(position, ALL, camera, at, SkinDepth(torch.where(is_finger_there, 0.5, 0.6), EDGE))
+    share = shares_of_rays(position, ALL, camera, at, SurfaceDepth(torch.where(is_finger_there, 0.5, 0.6), EDGE))
     around, _ = neighbours(at, SIZE)
     of_finger = (share * is_finger[around]).sum(1).reshape(-1, 2 * SIZE[0])
     expected = torch.tensor([1.0] * 8 + [7 / 8] + [0.0] * 9)  # a soft edge: an eighth is of the pixel beside it
@@ -284,7 +286,7 @@ def test_shares_are_the_references_at_steps_of_depth_borders_and_where_nothing_i
     skin = torch.where(torch.rand(4 * 9 * 13, generator=random) < 0.5, 0.5, 0.52)
     skin += 0.004 * torch.rand(len(skin), generator=random)
     skin[torch.rand(len(skin), generator=random) < 0.3] = torch.inf
-    where = position, pixel, CAMERA, at, SkinDepth(skin, torch.tensor(0.003))
+    where = position, pixel, CAMERA, at, SurfaceDepth(skin, torch.tensor(0.003))
     ours, theirs = (each.shares_of_rays(*where) for each in backend_pair)
     torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
     torch.testing.assert_close(ours.sum(1), torch.ones(len(at)))
@@ -327,7 +329,7 @@ def test_normals_at_steps_are_the_references_with_holes_and_at_borders(backend_p
     at = covered_pixels(pixel, UNEVEN_PX)
     depth = torch.where(torch.rand(len(pixel), generator=random) < 0.5, 0.5, 0.52)
     position = depth[:, None] * ray_directions(CAMERA, pixel)
-    skin = SkinDepth(torch.where(torch.rand(4 * 9 * 13, generator=random) < 0.5, 0.5, 0.52), torch.tensor(0.003))
+    skin = SurfaceDepth(torch.where(torch.rand(4 * 9 * 13, generator=random) < 0.5, 0.5, 0.52), torch.tensor(0.003))
     rays = RaysAround(pixel, at, shares_of_rays(position, pixel, CAMERA, at, skin), UNEVEN_PX)
     normal, of_rays = (normalize(torch.randn(len(x), 3, generator=random), dim=-1) for x in (at, pixel))
     ours, theirs = (each.normals_at_steps(normal, of_rays, rays) for each in backend_pair)

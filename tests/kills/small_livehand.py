@@ -55,7 +55,8 @@ def _capture():
 
 
 def _leases():
-    from livehand.backend.batch import lease_owner, leases
+    from livehand.backend.batch import leases
+    from livehand.backend.batch import leases as lease_owner
 
     if place := os.environ.get("KILLS_PLACE"):
         yield patch.object(lease_owner, "process_space", lambda: place)

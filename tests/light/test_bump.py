@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.compute.kernels import brdf
-from livehand.backend.light.bump import LEAST_MIRRORED, bump_shadowing, leaving_share, mirroring_normal
+from livehand.backend.light.brdf import LEAST_MIRRORED, bump_shadowing, clamped_reflection_normal, horizon_occlusion
 from torch.nn.functional import normalize
 
 UP = torch.tensor([0.0, 0, 1])
@@ -53,13 +53,13 @@ def test_a_bump_does_not_shine_beyond_the_terminator():
 def test_normals_that_mirror_the_view_outwards_stay():
     normal, view = normalize(UP + 0.2 * random_units(200, 2), dim=-1), -tilted(20.0).expand(200, 3)
     assert mirrored_cosine(normal, view).min() > LEAST_MIRRORED
-    assert torch.equal(mirroring_normal(normal, UP.expand(200, 3), view), normal)
+    assert torch.equal(clamped_reflection_normal(normal, UP.expand(200, 3), view), normal)
 
 
 def test_others_are_bent_back_until_the_mirrored_view_grazes_the_surface():
     normal, view = random_units(4000, 3), -random_units(4000, 4)
     normal, view = (torch.cat([v[:, :2], sign * v[:, 2:].abs()], 1) for v, sign in ((normal, 1), (view, -1)))
-    found = mirroring_normal(normal, UP.expand_as(normal), view)
+    found = clamped_reflection_normal(normal, UP.expand_as(normal), view)
     before, after = mirrored_cosine(normal, view), mirrored_cosine(found, view)
     into = before < LEAST_MIRRORED
     assert 1000 < into.sum() < 3000
@@ -75,7 +75,7 @@ def test_others_are_bent_back_until_the_mirrored_view_grazes_the_surface():
 def test_a_surface_that_faces_away_and_equal_normals_change_nothing_and_have_finite_gradients():
     normal = torch.stack([UP, UP, tilted(60.0), tilted(60.0)]).requires_grad_()
     view = torch.stack([-UP, -tilted(90.0), tilted(30.0), torch.tensor([1.0, 0, 0])])
-    found = mirroring_normal(normal, UP.expand(4, 3), view)
+    found = clamped_reflection_normal(normal, UP.expand(4, 3), view)
     assert torch.equal(found, normal)
     found.sum().backward()
     assert torch.equal(normal.grad, torch.ones(4, 3))
@@ -83,7 +83,7 @@ def test_a_surface_that_faces_away_and_equal_normals_change_nothing_and_have_fin
 
 def test_all_of_a_lobe_leaves_a_surface_without_bumps():
     view = -tilted(torch.tensor([0.0, 40.0, 80.0, 89.9]))
-    found = leaving_share(UP.expand(4, 3), UP.expand(4, 3), view, torch.tensor([[0.01, 0.09]]).expand(4, 2))
+    found = horizon_occlusion(UP.expand(4, 3), UP.expand(4, 3), view, torch.tensor([[0.01, 0.09]]).expand(4, 2))
     torch.testing.assert_close(found, torch.ones(4, 2))
 
 
@@ -95,12 +95,12 @@ def test_of_a_lobe_around_a_mirrored_view_what_runs_into_the_surface_is_lost(ben
     slope = alpha * (drawn - 0.5) / (drawn * (1 - drawn)).sqrt()
     tilt = torch.rad2deg(2 * torch.atan(slope))
     above_surface, above_bump = ((tilt < limit).double().mean() for limit in (elevation_degrees, 90 - bend_degrees))
-    found = leaving_share(tilted(bend_degrees)[None], UP[None], -UP[None], torch.tensor([[alpha**2]]))
+    found = horizon_occlusion(tilted(bend_degrees)[None], UP[None], -UP[None], torch.tensor([[alpha**2]]))
     assert float(found) == pytest.approx(float(above_surface / above_bump), abs=1e-3)
 
 
 def test_bumps_that_face_the_eye_keep_their_lobe():
-    assert leaving_share(tilted(30.0)[None], UP[None], -tilted(60.0)[None], torch.tensor([[0.09]])) == 1
+    assert horizon_occlusion(tilted(30.0)[None], UP[None], -tilted(60.0)[None], torch.tensor([[0.09]])) == 1
 
 
 COUNT = 2000
@@ -113,11 +113,11 @@ def along(normal, surface):
 def test_normals_are_bent_back_as_by_the_reference():
     surface, view = random_units(COUNT, 0), random_units(COUNT, 1)
     normal = normalize(surface + 0.7 * random_units(COUNT, 2), dim=-1)
-    expected, found = mirroring_normal(normal, surface, view), np.empty((COUNT, 3), np.float32)
+    expected, found = clamped_reflection_normal(normal, surface, view), np.empty((COUNT, 3), np.float32)
     for index, row in enumerate(
         zip(normal.numpy(), surface.numpy(), view.numpy(), along(normal, surface), strict=True)
     ):
-        brdf.mirroring_normal(*row, found[index])
+        brdf.clamped_reflection_normal(*row, found[index])
     assert 300 < (expected != normal).any(1).sum() < COUNT - 300
     torch.testing.assert_close(torch.as_tensor(found), expected, atol=2e-5, rtol=0)
 
@@ -138,6 +138,8 @@ def test_what_leaves_the_surface_of_a_lobe_is_that_of_the_reference():
     squared = 0.01 + 0.2 * torch.rand(COUNT, 1, generator=torch.Generator().manual_seed(9))
     to_eye = -along(normal, view)
     above = along(surface, view) + 2 * to_eye * along(normal, surface)
-    found = torch.tensor([brdf.leaving_share(*row) for row in zip(above, to_eye, squared[:, 0].numpy(), strict=True)])
-    torch.testing.assert_close(found, leaving_share(normal, surface, view, squared)[:, 0], atol=1e-4, rtol=1e-3)
+    found = torch.tensor(
+        [brdf.horizon_occlusion(*row) for row in zip(above, to_eye, squared[:, 0].numpy(), strict=True)]
+    )
+    torch.testing.assert_close(found, horizon_occlusion(normal, surface, view, squared)[:, 0], atol=1e-4, rtol=1e-3)
     assert 100 < ((found > 0.01) & (found < 0.99)).sum()

@@ -83,11 +83,11 @@ def test_views_look_from_the_lamp():
 
 @pytest.mark.parametrize("penumbra", ["coarse", "fine"])
 @pytest.mark.parametrize(("size_m", "fewest"), [(0.08, 3), (0.2, 8), (0.9, 15)])
-def test_an_edge_hides_the_points_of_a_square_lamp_one_after_the_other(size_m, fewest, penumbra):
+def test_an_edge_hides_the_points_of_a_square_lamp_one_after_the_other(size_m, fewest, shadow_quality):
     """Along both sides; the points lie evenly: the mean is the lamp's centre, without correlation."""
     lamp = Lamp("area", np.ones(3), np.array([0, 0, 1.0]), DOWN, size_m=(size_m, size_m))
-    at = LampSamples.of((lamp,), BOUNDS, penumbra).position[:, :2].double() / size_m
-    assert len(at) > fewest * (1 + (penumbra == "fine"))
+    at = LampSamples.of((lamp,), BOUNDS, shadow_quality).position[:, :2].double() / size_m
+    assert len(at) > fewest * (1 + (shadow_quality == "fine"))
     for axis in range(2):
         assert np.diff(np.sort(at[:, axis].numpy())) == pytest.approx(1 / len(at), rel=1e-3)
     assert at.mean(0).abs().max() < 1e-6
@@ -98,9 +98,9 @@ def test_in_kept_frames_a_hard_suns_penumbra_has_small_steps():
     """An edge far before the hand hides the sun's points one after the other, whichever way it runs."""
     sun = Lamp("sun", np.ones(3), angle_rad=np.deg2rad(2.5))
     steps = {}
-    for penumbra in ("coarse", "fine"):
-        towards = LampSamples.of((sun,), BOUNDS, penumbra).position[:, :2].double()
+    for shadow_quality in ("coarse", "fine"):
+        towards = LampSamples.of((sun,), BOUNDS, shadow_quality).position[:, :2].double()
         turns = torch.arange(16) * np.pi / 16
         hidden_at = (towards @ torch.stack([turns.cos(), turns.sin()]).double()).sort(0).values
-        steps[penumbra] = float(hidden_at.diff(dim=0).max()) / sun.angle_rad
+        steps[shadow_quality] = float(hidden_at.diff(dim=0).max()) / sun.angle_rad
     assert steps["fine"] < 0.3 < 0.4 < steps["coarse"]

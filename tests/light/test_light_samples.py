@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.light.light_samples import LightSamples
+from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds
 from livehand.backend.records.light import Lamp, Light, Sky
 
@@ -32,7 +32,7 @@ def test_all_of_a_light_is_what_a_white_surface_that_faced_it_would_reflect():
 
 def test_frames_that_are_kept_ask_for_more_points_and_what_moves_for_one():
     lamp = Lamp("area", np.ones(3), np.array([0, 0, 1.0]), DOWN, size_m=(0.3, 0.3))
-    lights = [Light((lamp,), penumbra=penumbra) for penumbra in ("none", "coarse", "fine")]
+    lights = [Light((lamp,), shadow_quality=shadow_quality) for shadow_quality in ("none", "coarse", "fine")]
     samples = [LightSamples.of(light, BOUNDS).lamps for light in lights]
     assert [len(lamps.lamp) for lamps in samples] == [1, 9, 25]
     assert samples[0].position.tolist() == [[0, 0, 1]]

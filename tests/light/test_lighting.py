@@ -5,29 +5,36 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.light.bounce import Probes, SkinPlaces
-from livehand.backend.light.bump import bump_shadowing, mirroring_normal
-from livehand.backend.light.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS, fresnel, glossy
-from livehand.backend.light.light_samples import LightSamples
+from livehand.backend.light.brdf import (
+    INDEX,
+    NAIL_ROUGHNESS,
+    ROUGHNESS,
+    bump_shadowing,
+    clamped_reflection_normal,
+    fresnel,
+    ggx,
+)
+from livehand.backend.light.indirect_diffuse import MeshPoints, Surfels
 from livehand.backend.light.lighting import (
     COEFFICIENTS,
     DIFFUSE,
     EVEN_LIGHT,
     GLOSS,
     SCATTERED,
-    BumpedSkin,
+    BumpMapping,
+    FrameShadows,
     LightFeatures,
-    LightShadows,
-    ProbeLight,
     SurfacePoints,
+    SurfelIrradiance,
+    ambient_occlusion,
     around_surface,
     corrected,
     diffuse_light,
     light_features,
-    lit_colour,
-    openness,
+    shaded_colour,
 )
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.prefiltered_environment import PrefilteredEnvironment
+from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds, PointShadows
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS, SkySamples
 from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing
@@ -65,8 +72,8 @@ def some_points():
     view = normalize(rand(POINTS, 3) - 0.5 - 0.8 * normal, dim=-1)
     weight = rand(POINTS, 3)
     weight = weight / weight.sum(1, keepdim=True) * (rand(POINTS, 1) > 0.2)
-    places = SkinPlaces(torch.randint(PROBES, (POINTS, 3), generator=GENERATOR), weight)
-    return SurfacePoints(0.1 * (rand(POINTS, 3) - 0.5), normal, relief, view, places)
+    hit_points = MeshPoints(torch.randint(PROBES, (POINTS, 3), generator=GENERATOR), weight)
+    return SurfacePoints(0.1 * (rand(POINTS, 3) - 0.5), normal, relief, view, hit_points)
 
 
 def some_shadows(light):
@@ -75,21 +82,21 @@ def some_shadows(light):
 
     sky, lamps = of(len(light.sky.towards)), of(len(light.lamps.lamp))
     position, normal = 0.1 * (rand(PROBES, 3) - 0.5), normalize(rand(PROBES, 3) - 0.5, dim=-1)
-    skin = Probes(position, normal, torch.arange(PROBES), 4e-4 * rand(PROBES))
+    skin = Surfels(position, normal, torch.arange(PROBES), 4e-4 * rand(PROBES))
     of_sky, of_lamps = rand(len(light.sky.towards), PROBES), rand(len(light.lamps.rgb), PROBES)
-    return LightShadows(sky, lamps, ProbeLight(skin, rand(PROBES, 3), of_sky, of_lamps))
+    return FrameShadows(sky, lamps, SurfelIrradiance(skin, rand(PROBES, 3), of_sky, of_lamps))
 
 
 def beside(count):
     """Places beside any mesh."""
-    return SkinPlaces(torch.zeros(count, 3, dtype=torch.long), torch.zeros(count, 3))
+    return MeshPoints(torch.zeros(count, 3, dtype=torch.long), torch.zeros(count, 3))
 
 
 def no_probes(lamps, directions=SKY_DIRECTIONS):
     """Skin that light does not reach."""
     up = torch.tensor([0.0, 0, 1]).expand(PROBES, 3)
-    skin = Probes(torch.zeros(PROBES, 3), up, torch.arange(PROBES), torch.full((PROBES,), 1e-4))
-    return ProbeLight(skin, torch.ones(3), torch.zeros(directions, PROBES), torch.zeros(lamps, PROBES))
+    skin = Surfels(torch.zeros(PROBES, 3), up, torch.arange(PROBES), torch.full((PROBES,), 1e-4))
+    return SurfelIrradiance(skin, torch.ones(3), torch.zeros(directions, PROBES), torch.zeros(lamps, PROBES))
 
 
 def some_coefficients():
@@ -122,7 +129,7 @@ def test_light_adds_up(lit, backend):
 
     def colour(*factors):
         features = backend.light_features(scaled(light, *factors), shadows, points)
-        return lit_colour(coefficients, points.relief_normal, points.view, features)
+        return shaded_colour(coefficients, points.relief_normal, points.view, features)
 
     whole = colour(1.0, 1.0, 1.0, 1.0)
     parts = [colour(*row) for row in torch.eye(4).tolist()]
@@ -138,10 +145,10 @@ def test_a_white_diffuse_surface_reflects_irradiance_over_pi():
     sky = PointShadows(torch.ones(64, 3), torch.zeros(64, 3))
     normal = torch.tensor([[0.0, 0, 1], [0, 0.6, 0.8], [0, 0, -1]])
     points = SurfacePoints(torch.zeros(3, 3), normal, normal, -normal, beside(3))
-    shadows = LightShadows(sky, lit_fully, no_probes(1))
+    shadows = FrameShadows(sky, lit_fully, no_probes(1))
     coefficients = torch.zeros(3, COEFFICIENTS)
     coefficients[:, DIFFUSE] = 1
-    found = lit_colour(coefficients, normal, -normal, light_features(light, shadows, points))
+    found = shaded_colour(coefficients, normal, -normal, light_features(light, shadows, points))
     torch.testing.assert_close(found, torch.tensor([[1.0, 2, 0], [0.8, 1.6, 0], [0, 0, 0]]), atol=1e-5, rtol=1e-5)
 
 
@@ -165,7 +172,7 @@ def test_light_inside_the_skin_decays_with_depth_and_the_deep_one_reaches_round_
     normal = torch.tensor([[0.0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 0, -1]])
     points = SurfacePoints(torch.zeros(5, 3), normal, normal, -normal, beside(5))
     sky = PointShadows(torch.zeros(64, 5), torch.zeros(64, 5))
-    shadows = LightShadows(sky, PointShadows(torch.zeros(1, 5), depth), no_probes(1))
+    shadows = FrameShadows(sky, PointShadows(torch.zeros(1, 5), depth), no_probes(1))
     long, short = light_features(light, shadows, points).scattered[..., 0].T * pi
     assert short[0] == pytest.approx(1.25)
     assert long[0] == pytest.approx(1)
@@ -189,14 +196,14 @@ def test_what_a_lobe_reflects_is_less_than_what_arrives():
     normal = torch.tensor([0.0, 0, 1]).expand_as(towards)
     for degrees in (0, 40, 70):
         view = -torch.tensor([np.sin(np.deg2rad(degrees)), 0, np.cos(np.deg2rad(degrees))]).float()
-        lobes = glossy(normal, towards, view.expand_as(towards), torch.zeros(len(towards)))
-        # `glossy` is pi times the reflectance function times the cosine; the hemisphere's solid angle is 2 pi.
+        lobes = ggx(normal, towards, view.expand_as(towards), torch.zeros(len(towards)))
+        # `ggx` is pi times the reflectance function times the cosine; the hemisphere's solid angle is 2 pi.
         albedo = lobes.mean(0) * 2
         assert (albedo > 0.015).all()
         assert (albedo < 0.35).all()
         if degrees == 0:
             assert albedo[0] == pytest.approx(0.028, rel=0.1)
-            on_nails = glossy(normal, towards, view.expand_as(towards), torch.zeros(len(towards)), torch.tensor(1.0))
+            on_nails = ggx(normal, towards, view.expand_as(towards), torch.zeros(len(towards)), torch.tensor(1.0))
             assert on_nails[:, 0].mean() * 2 == pytest.approx(0.028, rel=0.1)
 
 
@@ -216,10 +223,10 @@ def test_a_mirror_like_lobe_is_brightest_in_the_mirror_direction():
     view = -normalize(torch.tensor([0.5, 0, 1.0]), dim=0)
     angles = torch.linspace(-1.2, 1.2, 241)
     towards = torch.stack([-angles.sin(), torch.zeros(241), angles.cos()], -1)
-    lobes = glossy(normal.expand(241, 3), towards, view.expand(241, 3), torch.zeros(241))
+    lobes = ggx(normal.expand(241, 3), towards, view.expand(241, 3), torch.zeros(241))
     assert float(angles[lobes[:, 0].argmax()]) == pytest.approx(np.arctan(0.5), abs=0.05)
     assert lobes[:, 0].max() > lobes[:, 1].max()
-    wide = glossy(normal.expand(241, 3), towards, view.expand(241, 3), torch.full((241,), 0.5))
+    wide = ggx(normal.expand(241, 3), towards, view.expand(241, 3), torch.full((241,), 0.5))
     assert wide[:, 0].max() < lobes[:, 0].max()
 
 
@@ -231,25 +238,25 @@ def test_a_lights_size_widens_a_lobe_as_the_mean_over_its_disc_does(radius_rad):
     angle = torch.arange(count) * pi * (3 - 5**0.5)
     across = (1 - z * z).sqrt()
     towards = torch.stack([across * angle.cos(), across * angle.sin(), z], -1)
-    mean = glossy(up, towards, -up, torch.zeros(count)).mean(0)
-    torch.testing.assert_close(glossy(up, up, -up, torch.full((1,), radius_rad))[0], mean, rtol=0.06, atol=0)
+    mean = ggx(up, towards, -up, torch.zeros(count)).mean(0)
+    torch.testing.assert_close(ggx(up, up, -up, torch.full((1,), radius_rad))[0], mean, rtol=0.06, atol=0)
 
 
 def test_nails_shine_in_a_narrower_and_brighter_lobe():
     """In the mirror direction a lobe is as bright as 1 / alpha^2, and alpha is the square of the roughness."""
     up = torch.tensor([[0.0, 0, 1]])
-    skin, half, nail = (glossy(up, up, -up, torch.zeros(1), torch.tensor([share])) for share in (0.0, 0.5, 1.0))
+    skin, half, nail = (ggx(up, up, -up, torch.zeros(1), torch.tensor([share])) for share in (0.0, 0.5, 1.0))
     alphas = [ROUGHNESS[0] ** 2, NAIL_ROUGHNESS**2]
     assert float(nail[0, 0] / skin[0, 0]) == pytest.approx((alphas[0] / alphas[1]) ** 2, rel=1e-3)
     assert float(half[0, 0] / skin[0, 0]) == pytest.approx((alphas[0] / np.mean(alphas)) ** 2, rel=1e-3)
     assert skin[0, 1] == nail[0, 1]
-    torch.testing.assert_close(skin, glossy(up, up, -up, torch.zeros(1)))
+    torch.testing.assert_close(skin, ggx(up, up, -up, torch.zeros(1)))
 
 
 def test_the_gloss_of_skin_is_as_wide_as_it_is_known():
     up = torch.tensor([[0.0, 0, 1]])
-    found = glossy(up, up, -up, torch.zeros(1), None, torch.tensor([0.05]))
-    plain = glossy(up, up, -up, torch.zeros(1))
+    found = ggx(up, up, -up, torch.zeros(1), None, torch.tensor([0.05]))
+    plain = ggx(up, up, -up, torch.zeros(1))
     assert float(found[0, 1] / plain[0, 1]) == pytest.approx(ROUGHNESS[1] ** 4 / 0.05, rel=1e-3)
     assert found[0, 0] == plain[0, 0]
 
@@ -262,14 +269,14 @@ def under_a_lamp(towards, normal, view, coefficients, scattered=(0.0, 0.0), **kn
         lamp_rgb=torch.ones(1, 3),
         lamp_radius_rad=torch.zeros(1),
         sky_vectors=torch.zeros(1, 3, 3),
-        sky_seen=torch.zeros(1, 2),
-        mirrored=MirroredSky.of(None, "cpu"),
-        near_gloss=torch.zeros(1, 2, 3),
+        lobe_visibility=torch.zeros(1, 2),
+        mirrored=PrefilteredEnvironment.of(None, "cpu"),
+        near_field_specular=torch.zeros(1, 2, 3),
         scattered=torch.tensor(scattered)[None, :, None].expand(1, 2, 3),
         arriving=torch.ones(1, 3),
         reflected=torch.zeros(1, 3),
     )
-    return lit_colour(coefficients, normal, view, features, BumpedSkin.smooth(up)._replace(**known))[0]
+    return shaded_colour(coefficients, normal, view, features, BumpMapping.smooth(up)._replace(**known))[0]
 
 
 def coefficients_of(part):
@@ -309,10 +316,10 @@ def test_light_that_gloss_reflects_does_not_enter_the_skin():
     """A bump that is seen from the side sheds less than the surface, by what both mirror of even light."""
     up, bent = torch.tensor([[0.0, 0, 1]]), torch.tensor([[-0.6, 0, 0.8]])
     view = -normalize(torch.tensor([[0.8, 0, 0.6]]), dim=-1)
-    mirroring = mirroring_normal(bent, up, view)
+    mirroring = clamped_reflection_normal(bent, up, view)
     both = torch.cat([mirroring, up])
-    skin = BumpedSkin.smooth(both).alphas_squared
-    even = MirroredSky.of(None, "cpu").of_even_light(both, view.expand(2, 3), skin)[:, 1]
+    skin = BumpMapping.smooth(both).alphas_squared
+    even = PrefilteredEnvironment.of(None, "cpu").of_even_light(both, view.expand(2, 3), skin)[:, 1]
     blurred_light = under_a_lamp(up, bent, view, coefficients_of(DIFFUSE), sharpness=torch.zeros(3))
     torch.testing.assert_close(blurred_light, ((1 - even[0]) / (1 - even[1])).expand(3))
     assert even[0] > even[1] + 0.02
@@ -324,7 +331,7 @@ def test_gloss_takes_the_colour_of_the_light(lit):
     coefficients[:, GLOSS] = 1
     blue = scaled(light, 0.0, 0.0, 1.0, 0.0)
     features = light_features(blue, shadows, points)._replace(reflected=torch.zeros(POINTS, 3))
-    colour = lit_colour(coefficients, points.relief_normal, points.view, features)
+    colour = shaded_colour(coefficients, points.relief_normal, points.view, features)
     bright = colour[colour[:, 2] > 1e-4]
     torch.testing.assert_close(bright / bright[:, 2:], torch.tensor([1 / 9, 2 / 9, 1]).expand_as(bright))
 
@@ -337,7 +344,7 @@ def test_the_sky_is_seen_as_far_as_nothing_hides_what_a_lobe_mirrors(lit, backen
 
     def seen(visible, sky=light.sky):
         hidden = shadows._replace(sky=PointShadows(visible.contiguous(), shadows.sky.depth_in_m))
-        return backend.light_features(light._replace(sky=sky), hidden, points).sky_seen
+        return backend.light_features(light._replace(sky=sky), hidden, points).lobe_visibility
 
     whole = torch.ones(64, POINTS)
     torch.testing.assert_close(seen(whole), torch.ones(POINTS, 2))
@@ -353,12 +360,12 @@ def test_openness_is_one_in_the_open_and_points_along_the_normal():
     light = LightSamples.of(Light(), BOUNDS)
     normal = normalize(rand(POINTS, 3) - 0.5, dim=-1)
     clear = PointShadows(torch.ones(64, POINTS), torch.zeros(64, POINTS))
-    found = openness(light.sky, clear, normal)
+    found = ambient_occlusion(light.sky, clear, normal)
     torch.testing.assert_close(found.share, torch.ones(POINTS), atol=0.05, rtol=0)
     assert ((found.towards * normal).sum(-1) > 0.98).all()
     half = PointShadows((light.sky.towards[:, :1] > 0).float().expand(-1, POINTS), clear.depth_in_m)
     up = torch.tensor([[0.0, 0, 1]]).expand(POINTS, 3)
-    assert openness(light.sky, half, up).share[0] == pytest.approx(0.5, abs=0.05)
+    assert ambient_occlusion(light.sky, half, up).share[0] == pytest.approx(0.5, abs=0.05)
 
 
 def test_measured_light_replaces_what_is_computed(lit, backend):
@@ -369,10 +376,10 @@ def test_measured_light_replaces_what_is_computed(lit, backend):
 
     def colour(direct, indirect=none):
         given = corrected(features, points.normal, direct, indirect)
-        return lit_colour(coefficients, points.relief_normal, points.view, given)
+        return shaded_colour(coefficients, points.relief_normal, points.view, given)
 
     ours = diffuse_light(features, points.normal)
-    plain = lit_colour(coefficients, points.relief_normal, points.view, features)
+    plain = shaded_colour(coefficients, points.relief_normal, points.view, features)
     torch.testing.assert_close(colour(ours), plain, rtol=1e-4, atol=1e-5)
     bright = ours > ours.mean()
     torch.testing.assert_close(colour(0.5 * ours)[bright], 0.5 * plain[bright], rtol=0.03, atol=1e-3)
@@ -387,10 +394,10 @@ def test_light_that_only_the_measurement_knows_is_reflected_as_if_it_came_from_e
     coefficients = some_coefficients()
     lamp = torch.rand(POINTS, 3, generator=GENERATOR)
     given = corrected(features, points.normal, lamp, 2 * lamp)
-    found = lit_colour(coefficients, points.relief_normal, points.view, given)
+    found = shaded_colour(coefficients, points.relief_normal, points.view, given)
     white = coefficients[:, DIFFUSE] + coefficients[:, SCATTERED].reshape(-1, 2, 3).sum(1)
-    skin = BumpedSkin.smooth(points.relief_normal).alphas_squared
-    even = MirroredSky.of(None, "cpu").of_even_light(points.relief_normal, points.view, skin)
+    skin = BumpMapping.smooth(points.relief_normal).alphas_squared
+    even = PrefilteredEnvironment.of(None, "cpu").of_even_light(points.relief_normal, points.view, skin)
     glossy_share = (coefficients[:, GLOSS] * even).sum(1, keepdim=True)
     assert (glossy_share > 0.01 * white).any()
     torch.testing.assert_close(found, 3 * lamp * (white + glossy_share), rtol=1e-4, atol=1e-5)
@@ -401,7 +408,7 @@ def test_openness_is_the_references_where_no_sky_is_seen_too(backend_pair):
     sky, normal = SkySamples.of(None, "cpu"), normalize(torch.randn(200, 3, generator=random), dim=-1)
     lit = torch.rand(len(sky.towards), 200, generator=random) * (torch.rand(200, generator=random) < 0.9)
     shadows = PointShadows(lit, torch.zeros_like(lit))
-    ours, theirs = (each.openness(sky, shadows, normal) for each in backend_pair)
+    ours, theirs = (each.ambient_occlusion(sky, shadows, normal) for each in backend_pair)
     torch.testing.assert_close(ours.share, theirs.share)
     torch.testing.assert_close(ours.towards, theirs.towards, atol=1e-5, rtol=0)
     assert (ours.share == 0).any()
@@ -426,11 +433,11 @@ def test_lamps_of_every_kind_shine_as_in_the_reference_on_more_points_than_one_b
         PointShadows(torch.rand(k, count, generator=random), 0.02 * torch.rand(k, count, generator=random))
         for k in (len(light.sky.towards), samples)
     )
-    skin = Probes(
+    skin = Surfels(
         torch.zeros(1, 3), torch.tensor([[0.0, 0, 1]]), torch.zeros(1, dtype=torch.long), torch.tensor([1e-4])
     )
-    dark = ProbeLight(skin, torch.ones(3), torch.zeros(len(light.sky.towards), 1), torch.zeros(5, 1))
-    shadows = LightShadows(sky, of_lamps, dark)
+    dark = SurfelIrradiance(skin, torch.ones(3), torch.zeros(len(light.sky.towards), 1), torch.zeros(5, 1))
+    shadows = FrameShadows(sky, of_lamps, dark)
     ours, theirs = (each.light_features(light, shadows, points) for each in backend_pair)
     # Edges of cones and beams are steep: the cosine to a lamp's axis, of 8 roundings, is multiplied by up to 224 (1.5
     # `cone_edge`), and its difference from 1 by more. All else, of 32 roundings, is products and sums of one sign.
@@ -438,7 +445,7 @@ def test_lamps_of_every_kind_shine_as_in_the_reference_on_more_points_than_one_b
     assert_within(ours.lamp_vectors, theirs.lamp_vectors, vectors + 32 * UNIT * theirs.lamp_vectors.abs())
     # Sums of 64 + 21 terms of one sign and as many roundings in each as above. The kernel's exp(-x), four terms of the
     # series of x / 16 to the power of 16, is off by 2.7e-6 at most, times what would arrive at no depth.
-    flat = light_features(light, LightShadows(at_no_depth(sky), at_no_depth(of_lamps), dark), points).scattered
+    flat = light_features(light, FrameShadows(at_no_depth(sky), at_no_depth(of_lamps), dark), points).scattered
     assert_within(ours.scattered, theirs.scattered, scattered + 128 * UNIT * theirs.scattered + 2.7e-6 * flat)
     assert ((theirs.lamp_vectors.norm(dim=-1) > 0).float().mean(0) > 0.1).all()
 

@@ -5,8 +5,8 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.light.gloss import alphas, fresnel, glossy
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.brdf import alphas, fresnel, ggx
+from livehand.backend.light.prefiltered_environment import PrefilteredEnvironment
 from livehand.backend.light.sky_samples import SkySamples
 from livehand.backend.records.light import Sky, sky_directions
 from torch.nn.functional import normalize
@@ -25,7 +25,7 @@ def everywhere(count=DIRECTIONS):
 
 def integral(radiance, normal, view, nail=0.0):
     """[2, 3] reflected by both lobes, of what `radiance` [N, 3] arrives from `everywhere`; in our units."""
-    lobes = glossy(normal, everywhere(), view, torch.zeros(()), torch.tensor(nail))
+    lobes = ggx(normal, everywhere(), view, torch.zeros(()), torch.tensor(nail))
     return torch.einsum("kg,kc->gc", lobes, radiance) * 4 / DIRECTIONS
 
 
@@ -52,7 +52,7 @@ def some_pixels(count, seed=0):
 @pytest.mark.parametrize("cosine", [0.08, 0.2, 0.5, 1.0])
 @pytest.mark.parametrize("nail", [0.0, 1.0])
 def test_an_even_sky_is_reflected_as_the_integral_says(cosine, nail):
-    sky = MirroredSky.of(Sky(np.full((8, 16, 3), [0.5, 1, 2])), "cpu")
+    sky = PrefilteredEnvironment.of(Sky(np.full((8, 16, 3), [0.5, 1, 2])), "cpu")
     expected = integral(torch.tensor([0.5, 1, 2]).expand(DIRECTIONS, 3), UP, view_at(cosine), nail)
     found = sky.gloss(UP, view_at(cosine), lobes(torch.tensor([nail])))[0]
     torch.testing.assert_close(found, expected, rtol=0.03, atol=0)
@@ -61,14 +61,14 @@ def test_an_even_sky_is_reflected_as_the_integral_says(cosine, nail):
 def test_even_light_is_reflected_whatever_the_sky():
     normal, view = some_pixels(50)
     nail = torch.rand(50, generator=torch.Generator().manual_seed(1))
-    even, black = MirroredSky.of(Sky(np.ones((4, 8, 3))), "cpu"), MirroredSky.of(None, "cpu")
+    even, black = PrefilteredEnvironment.of(Sky(np.ones((4, 8, 3))), "cpu"), PrefilteredEnvironment.of(None, "cpu")
     found = black.of_even_light(normal, view, lobes(nail))
     torch.testing.assert_close(found, even.gloss(normal, view, lobes(nail))[..., 2], rtol=1e-4, atol=1e-6)
     assert (found > 0.01).all()
 
 
 def test_straight_on_it_reflects_what_fresnel_says_and_far_more_from_the_side():
-    sky = MirroredSky.of(Sky(np.ones((1, 1, 3))), "cpu")
+    sky = PrefilteredEnvironment.of(Sky(np.ones((1, 1, 3))), "cpu")
     straight, side = (sky.gloss(UP, view_at(cosine), on_skin(1))[0, :, 0] for cosine in (1.0, 0.1))
     assert float(straight[0]) == pytest.approx(float(fresnel(torch.tensor(1.0))), rel=0.03)
     assert (side > 5 * straight).all()
@@ -80,7 +80,10 @@ def test_a_smooth_sky_is_reflected_as_the_integral_says():
     def radiance(towards):
         return np.stack([1 + towards[..., 2], 1 + towards[..., 0], np.ones(towards.shape[:-1])], -1)
 
-    sky, arriving = MirroredSky.of(Sky(radiance(sky_directions(32, 64))), "cpu"), radiance(everywhere().numpy())
+    sky, arriving = (
+        PrefilteredEnvironment.of(Sky(radiance(sky_directions(32, 64))), "cpu"),
+        radiance(everywhere().numpy()),
+    )
     normal, view = some_pixels(400)
     to_eye = -(normal * view).sum(-1)
     order = to_eye.argsort()[(to_eye < 0.05).sum() :].tolist()
@@ -95,7 +98,9 @@ def test_a_smooth_sky_is_reflected_as_the_integral_says():
 def test_a_window_ahead_shines_along_the_skin_as_the_integral_says(height):
     """Low over it, and below its horizon but for a part: the mirrored view alone would be wrong by a factor of two."""
     ahead = np.array([-np.sqrt(1 - height**2), 0, height])
-    sky = MirroredSky.of(Sky(np.exp(6 * (sky_directions(32, 64) @ ahead - 1))[..., None].repeat(3, 2)), "cpu")
+    sky = PrefilteredEnvironment.of(
+        Sky(np.exp(6 * (sky_directions(32, 64) @ ahead - 1))[..., None].repeat(3, 2)), "cpu"
+    )
     arriving = torch.exp(6 * (everywhere() @ torch.as_tensor(ahead, dtype=torch.float32) - 1))[:, None].expand(-1, 3)
     for cosine in (0.1, 0.2, 0.4):
         expected = integral(arriving, UP, view_at(cosine))[:, 0]
@@ -107,7 +112,10 @@ def test_a_bright_spot_is_brightest_where_the_view_is_mirrored_to_it_and_sharper
     radiance = np.zeros((32, 64, 3))
     radiance[10, 20] = 100
     spot = torch.as_tensor(sky_directions(32, 64)[10, 20], dtype=torch.float32)
-    sky, view = MirroredSky.of(Sky(radiance), "cpu"), -normalize(spot + torch.tensor([0.9, 0.2, -0.3]), dim=0)
+    sky, view = (
+        PrefilteredEnvironment.of(Sky(radiance), "cpu"),
+        -normalize(spot + torch.tensor([0.9, 0.2, -0.3]), dim=0),
+    )
     half = normalize(spot - view, dim=0)
     normals = normalize(half + 0.5 * torch.randn(4000, 3, generator=torch.Generator().manual_seed(1)), dim=-1)
     views = view.expand_as(normals)
@@ -120,7 +128,7 @@ def test_a_bright_spot_is_brightest_where_the_view_is_mirrored_to_it_and_sharper
 
 
 def test_nails_change_the_tight_lobe_alone():
-    sky = MirroredSky.of(Sky(np.random.default_rng(1).uniform(0, 1, (8, 16, 3))), "cpu")
+    sky = PrefilteredEnvironment.of(Sky(np.random.default_rng(1).uniform(0, 1, (8, 16, 3))), "cpu")
     normal, view = some_pixels(20)
     skin, nail = (sky.gloss(normal, view, lobes(torch.full((20,), share))) for share in (0.0, 1.0))
     assert torch.equal(skin[:, 1], nail[:, 1])
@@ -129,7 +137,7 @@ def test_nails_change_the_tight_lobe_alone():
 
 def test_the_map_has_no_seams():
     """Mirrored views a hair apart are as bright as each other, wherever they point."""
-    sky = MirroredSky.of(Sky(np.random.default_rng(2).uniform(0, 1, (32, 64, 3))), "cpu")
+    sky = PrefilteredEnvironment.of(Sky(np.random.default_rng(2).uniform(0, 1, (32, 64, 3))), "cpu")
     normal = torch.cat([everywhere(20000), *(torch.eye(3) * sign for sign in (1, -1))])
     beside = normalize(normal + 1e-4 * torch.randn(normal.shape, generator=torch.Generator().manual_seed(3)), dim=-1)
     for view in (-normal, -normalize(normal + 0.5 * normal.roll(1, 1), dim=-1)):
@@ -142,7 +150,7 @@ def test_what_is_turned_about_the_vertical_with_its_sky_looks_the_same():
     normal, view = some_pixels(50)
     turned = [torch.stack([values[:, 1], -values[:, 0], values[:, 2]], -1) for values in (normal, view)]
     # Columns run clockwise seen from above: a quarter of them is a quarter turn to the right.
-    before, after = (MirroredSky.of(Sky(sky), "cpu") for sky in (radiance, np.roll(radiance, 8, 1)))
+    before, after = (PrefilteredEnvironment.of(Sky(sky), "cpu") for sky in (radiance, np.roll(radiance, 8, 1)))
     of_both = [sky.gloss(*pixels, on_skin(50)) for sky, pixels in ((after, turned), (before, (normal, view)))]
     torch.testing.assert_close(*of_both, rtol=0.03, atol=1e-4)
 
@@ -150,10 +158,10 @@ def test_what_is_turned_about_the_vertical_with_its_sky_looks_the_same():
 def test_a_fine_sky_counts_as_the_mean_of_its_cells():
     coarse = np.random.default_rng(5).uniform(0, 1, (32, 64, 3))
     fine = np.repeat(np.repeat(coarse, 3, 0), 3, 1)
-    ours, theirs = (MirroredSky.of(Sky(sky), "cpu").radiance for sky in (fine, coarse))
+    ours, theirs = (PrefilteredEnvironment.of(Sky(sky), "cpu").radiance for sky in (fine, coarse))
     torch.testing.assert_close(ours, theirs, rtol=1e-5, atol=1e-6)
     noise = np.random.default_rng(6).uniform(0, 1, (50, 90, 3))
-    odd = MirroredSky.of(Sky(noise), "cpu").radiance
+    odd = PrefilteredEnvironment.of(Sky(noise), "cpu").radiance
     assert float(odd.mean()) == pytest.approx(0.5, abs=0.02)
 
 
@@ -161,14 +169,14 @@ def test_black_and_missing_skies_shed_nothing_and_extremes_stay_finite():
     normal = torch.cat([UP, UP, UP, torch.tensor([[1.0, 0, 0]])])
     view = torch.cat([UP, -UP, torch.tensor([[1.0, 0, 0], [0, 0, -1.0]])])
     for sky in (None, Sky(np.zeros((4, 8, 3)))):
-        assert MirroredSky.of(sky, "cpu").gloss(normal, view, on_skin(4)).abs().max() == 0
-    bright = MirroredSky.of(Sky(np.full((2, 3, 3), 1e6)), "cpu")
+        assert PrefilteredEnvironment.of(sky, "cpu").gloss(normal, view, on_skin(4)).abs().max() == 0
+    bright = PrefilteredEnvironment.of(Sky(np.full((2, 3, 3), 1e6)), "cpu")
     for squared in (0.0, 1e-4, 1.0):
         assert bright.gloss(normal, view, torch.full((4, 2), squared)).isfinite().all()
 
 
 def test_normals_get_no_gradients():
-    sky, normal = MirroredSky.of(Sky(np.ones((2, 4, 3))), "cpu"), UP.clone().requires_grad_()
+    sky, normal = PrefilteredEnvironment.of(Sky(np.ones((2, 4, 3))), "cpu"), UP.clone().requires_grad_()
     assert not sky.gloss(normal, -UP, on_skin(1)).requires_grad
 
 

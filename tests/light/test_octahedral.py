@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from livehand.backend.light.octahedral import from_square, on_square
+from livehand.backend.light.prefiltered_environment import from_square, on_square
 from torch.nn.functional import normalize
 
 

@@ -5,8 +5,7 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.light.gloss import glossy
-from livehand.backend.light.round_lobes import (
+from livehand.backend.light.brdf import (
     AHEAD,
     COSINES,
     LEAST_ROUGHNESS,
@@ -15,13 +14,14 @@ from livehand.backend.light.round_lobes import (
     UP,
     WIDTH,
     WIDTHS,
+    ggx,
+    isotropic_lobes,
+    isotropic_weight,
     lobes_at,
-    round_lobes,
-    round_weight,
 )
 
 DIRECTIONS = 200000
-TABLE = torch.as_tensor(round_lobes())
+TABLE = torch.as_tensor(isotropic_lobes())
 CASES = [(alpha, cosine) for alpha in (0.09, 0.3025, 0.6) for cosine in (0.1, 0.3, 0.6, 0.95)]
 
 
@@ -37,7 +37,7 @@ def lobe(alpha, cosine):
     """[N] what a lobe reflects of each direction's light of 1; the eye's plane is x, z."""
     view = torch.tensor([(1 - cosine**2) ** 0.5, 0, -cosine])
     up, squared = torch.tensor([0.0, 0, 1]), torch.tensor(alpha**2)
-    return glossy(up, everywhere(), view, torch.zeros(()), broad_squared=squared)[:, 1] * 4 / DIRECTIONS
+    return ggx(up, everywhere(), view, torch.zeros(()), broad_squared=squared)[:, 1] * 4 / DIRECTIONS
 
 
 def pair(alpha, cosine):
@@ -51,7 +51,7 @@ def rounds(alpha, cosine):
         along = towards @ torch.tensor([one[AHEAD], 0, one[UP]])
         narrow = min(int(one[WIDTH]), len(WIDTHS) - 2)
         for place, share in ((narrow, 1 - one[WIDTH] + narrow), (narrow + 1, one[WIDTH] - narrow)):
-            weight = round_weight(along, WIDTHS[place])
+            weight = isotropic_weight(along, WIDTHS[place])
             light += one[SHARE] * share * weight / weight.sum()
     return light
 

@@ -1,8 +1,7 @@
 """Which pieces triangles hide from a hand, against rays."""
 
 import numpy as np
-from livehand.backend.light.screens import Screens
-from livehand.backend.light.surface_pieces import Pieces
+from livehand.backend.light.nearby_geometry import Blockers, Pieces
 
 NEAR = np.array([[0.0, 0, 1], [0.02, 0, 1.05]])
 GROUND = np.array([[[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]])
@@ -10,7 +9,7 @@ GROUND = np.array([[[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]])
 
 def seen_over(triangles):
     some = Pieces.of(GROUND, np.ones((1, 3)), NEAR, 0.1)
-    return some, Screens.of(triangles, NEAR).seen(some)
+    return some, Blockers.of(triangles, NEAR).seen(some)
 
 
 def test_a_triangle_hides_its_shadow_seen_from_the_hand():

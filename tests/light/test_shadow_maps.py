@@ -6,13 +6,13 @@ import torch
 import trimesh
 from livehand.backend.compute.cuda import CudaBackend
 from livehand.backend.geometry.mesh import PosedMesh, posed_mesh
-from livehand.backend.light.shadow_maps import FAR, MAX_DEPTH_IN_M, LightViews
+from livehand.backend.light.shadow_maps import FAR, MAX_DEPTH_IN_M, ShadowViews
 from torch.nn.functional import normalize
 
 NO_OCCLUDERS = torch.zeros(0, 3, 3)
 MAP_PX = 128
 TOWARDS = normalize(torch.tensor([[0.0, 0, 1], [1, 0, 0], [0.3, -0.5, 0.8], [-0.7, -0.6, -0.2]]), dim=-1)
-FROM_AFAR = LightViews.along(TOWARDS, torch.full((4,), FAR))
+FROM_AFAR = ShadowViews.along(TOWARDS, torch.full((4,), FAR))
 
 
 def shadows_of(backend, mesh, topology, views=FROM_AFAR, occluders=NO_OCCLUDERS, points=None):
@@ -40,7 +40,7 @@ def test_a_wall_far_behind_an_edge_is_dark_though_the_middle_of_the_mesh_is_fart
     height, turn = torch.tensor([0.02, 0.05, 0.07, 0.09, 0.1]), torch.linspace(0, 6, 200)
     side = torch.stack([0.01 * turn.cos(), 0.01 * turn.sin(), torch.zeros(200)], -1)
     points = (side + height[:, None, None] * torch.tensor([0.0, 0, 1])).reshape(-1, 3)
-    views = LightViews.along(torch.tensor([[0.0, 0, 1]]), torch.tensor([FAR]))
+    views = ShadowViews.along(torch.tensor([[0.0, 0, 1]]), torch.tensor([FAR]))
     lit = backend.point_shadows(mesh, faces, NO_OCCLUDERS, views, points, MAP_PX).lit.reshape(5, 200)
     assert lit[:4].max() == 0
     assert lit[4].min() > 0.999
@@ -99,7 +99,7 @@ def test_a_near_lamp_casts_a_larger_shadow(spheres, backend):
     radius = 0.012
     x = torch.linspace(0, 0.04, 81)
     points = torch.stack([x, torch.zeros(81), torch.full((81,), -0.05)], -1)
-    views = LightViews.along(TOWARDS[:1], torch.tensor([0.1 / radius]))
+    views = ShadowViews.along(TOWARDS[:1], torch.tensor([0.1 / radius]))
     lit = shadows_of(backend, mesh, topology, views, points=points).lit[0]
     edge = x[lit > 0.5].min()
     grazing = np.arcsin(0.012 / 0.1)
@@ -142,14 +142,14 @@ def test_a_map_is_as_fine_as_its_points_are_near(spheres, backend):
 def test_a_lamp_within_the_mesh_or_beside_it_gives_finite_shadows(spheres, backend):
     mesh, topology = spheres(((0, 0, 0), 0.05), subdivisions=3)
     for distance in (1e-3, 0.5, 1.0, 1.01, 2.0):
-        views = LightViews.along(TOWARDS, torch.full((4,), distance))
+        views = ShadowViews.along(TOWARDS, torch.full((4,), distance))
         shadows = shadows_of(backend, mesh, topology, views)
         assert all(values.isfinite().all() and values.min() >= 0 for values in shadows)
 
 
 def test_all_backends_agree_on_a_hand(backend_pair, posed):
     hand = posed("fist")
-    views = LightViews.along(TOWARDS, torch.tensor([FAR, 1.5, 3.0, 8.0]))
+    views = ShadowViews.along(TOWARDS, torch.tensor([FAR, 1.5, 3.0, 8.0]))
     generator = torch.Generator().manual_seed(1)
     occluders = hand.mesh.vertices.mean(0) + torch.randn(4, 3, 3, generator=generator) * 0.06
     results = [

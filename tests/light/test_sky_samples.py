@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.light.light_samples import LightSamples
+from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS, UNDIVIDED, SkySamples, division_of
 from livehand.backend.records.light import Light, Sky, sky_directions
@@ -32,8 +32,8 @@ def window(half_angle=0.25, background=0.02):
 def test_bright_cells_of_a_sky_are_divided_and_nothing_of_it_is_lost():
     whole = SkySamples.of(window(), "cpu")
     counts = []
-    for penumbra in ("none", "coarse", "fine"):
-        division = division_of((window(),), penumbra)
+    for shadow_quality in ("none", "coarse", "fine"):
+        division = division_of((window(),), shadow_quality)
         divided = SkySamples.of(window(), "cpu", division)
         is_whole = torch.tensor(division) == SKY_DIRECTIONS
         counts.append(len(divided.towards))
@@ -66,4 +66,4 @@ def test_an_even_sky_is_not_divided(rows):
     even = SkySamples.of(sky, "cpu")
     assert division_of((sky,), "fine") == division_of((None,), "fine") == division_of((sky, None), "fine") == UNDIVIDED
     assert even.brightest == pytest.approx(1, rel=0.2)
-    assert len(LightSamples.of(Light(sky=window(), penumbra="none"), BOUNDS).sky.share) == SKY_DIRECTIONS
+    assert len(LightSamples.of(Light(sky=window(), shadow_quality="none"), BOUNDS).sky.share) == SKY_DIRECTIONS

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.light.surface_pieces import LEAST_M, Pieces, distance_of
+from livehand.backend.light.nearby_geometry import LEAST_M, Pieces, distance_of
 
 FINENESS = 0.5
 SQUARE = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])[[[0, 1, 2], [0, 2, 3]]]

@@ -7,16 +7,16 @@ import pytest
 import torch
 from livehand.backend.capture.varied_light import box_triangles
 from livehand.backend.field.rays import HandInView
-from livehand.backend.light.bounce import Probes, SkinPlaces
+from livehand.backend.light.indirect_diffuse import MeshPoints, Surfels
 from livehand.backend.light.lamp_samples import LampSamples
-from livehand.backend.light.light_samples import LightSamples
-from livehand.backend.light.lighting import ProbeLight, SurfacePoints
+from livehand.backend.light.lighting import SurfacePoints, SurfelIrradiance
+from livehand.backend.light.near_field_light import PatchIrradiance, cell_of, sky_cells
+from livehand.backend.light.nearby_geometry import MOST_PATCHES, Patches, PatchPoints
+from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds, PointShadows
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS, SkySamples
-from livehand.backend.light.surrounding_light import SurroundingLight, cell_of, sky_cells
-from livehand.backend.light.surroundings import MOST_PATCHES, Patches, PatchPoints
 from livehand.backend.records.light import Lamp, Light
-from livehand.backend.render.light_visibility import surrounding_light
+from livehand.backend.render.light_visibility import nearby_geometry_of
 from torch.nn.functional import normalize
 
 RED = np.array([[0.8, 0.2, 0.1]])
@@ -48,8 +48,8 @@ def flat_patches(position, normal, area_m2, albedo):
 def dark_skin():
     """A hand that sheds no light."""
     one = torch.zeros(1, 3)
-    probes = Probes(one, torch.tensor([[0.0, 0, 1]]), torch.tensor([0]), torch.ones(1))
-    return ProbeLight(probes, torch.zeros(3), torch.zeros(SKY_DIRECTIONS, 1), torch.zeros(1, 1))
+    surfels = Surfels(one, torch.tensor([[0.0, 0, 1]]), torch.tensor([0]), torch.ones(1))
+    return SurfelIrradiance(surfels, torch.zeros(3), torch.zeros(SKY_DIRECTIONS, 1), torch.zeros(1, 1))
 
 
 def test_patches_have_the_area_that_the_hand_sees_and_face_it():
@@ -123,36 +123,38 @@ def seen():
     normal = normalize(torch.randn(300, 3, generator=generator), dim=-1)
     relief = normalize(normal + 0.2 * torch.randn(300, 3, generator=generator), dim=-1)
     view = normalize(torch.randn(300, 3, generator=generator) - 2 * normal, dim=-1)
-    places = SkinPlaces(torch.zeros(300, 3, dtype=torch.long), torch.zeros(300, 3))
+    spots = MeshPoints(torch.zeros(300, 3, dtype=torch.long), torch.zeros(300, 3))
     lit = (torch.rand(SKY_DIRECTIONS, 300, generator=generator) > 0.5).float()
-    points = SurfacePoints(0.1 * normal, normal, relief, view, places)
+    points = SurfacePoints(0.1 * normal, normal, relief, view, spots)
     patches = around(wall(-0.2))
-    shed = torch.rand(len(patches.position), 3, generator=generator)
-    return patches, PointShadows(lit, torch.zeros_like(lit)), shed, points
+    emitted = torch.rand(len(patches.position), 3, generator=generator)
+    return patches, PointShadows(lit, torch.zeros_like(lit)), emitted, points
 
 
 def test_both_backends_agree(backend_pair, seen):
-    for ours, theirs in zip(*(backend.near_light(*seen) for backend in backend_pair), strict=True):
+    for ours, theirs in zip(*(backend.near_field_light(*seen) for backend in backend_pair), strict=True):
         assert theirs.abs().max() > 0
         torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-3)
 
 
 def test_an_even_wall_is_as_bright_as_its_form_factor(backend, seen):
     """Below a small surface that faces it, a square of half side a at distance h; nothing on one that faces away."""
-    patches, _, shed, points = seen
+    patches, _, emitted, points = seen
     down = torch.tensor([[0.0, 0, -1], [0, 0, 1]])
     two = SurfacePoints(
-        torch.zeros(2, 3), down, down, -down, SkinPlaces(points.places.vertex[:2], points.places.weight[:2])
+        torch.zeros(2, 3), down, down, -down, MeshPoints(points.spots.vertex[:2], points.spots.weight[:2])
     )
     clear = PointShadows(torch.ones(SKY_DIRECTIONS, 2), torch.zeros(SKY_DIRECTIONS, 2))
-    found = backend.near_light(patches, clear, torch.ones_like(shed), two)
+    found = backend.near_field_light(patches, clear, torch.ones_like(emitted), two)
     light = torch.einsum("rxc,rx->rc", found.sky_vectors, down).clamp(min=0)
     ratio = 0.4 / (0.2 - 0.006)  # of half side and distance
     expected = 4 / pi * ratio / (1 + ratio**2) ** 0.5 * np.arctan(ratio / (1 + ratio**2) ** 0.5)
     np.testing.assert_allclose(light[0], expected, rtol=0.05)
     assert light[1].max() == 0
-    assert found.near_gloss[0].min() > 0.5 * 0.028 * expected
-    hidden = backend.near_light(patches, PointShadows(0 * clear.lit, clear.depth_in_m), torch.ones_like(shed), two)
+    assert found.near_field_specular[0].min() > 0.5 * 0.028 * expected
+    hidden = backend.near_field_light(
+        patches, PointShadows(0 * clear.lit, clear.depth_in_m), torch.ones_like(emitted), two
+    )
     assert max(float(value.abs().max()) for value in hidden) == 0
 
 
@@ -179,12 +181,12 @@ def test_a_patch_is_hidden_little_by_little(backend):
         torch.zeros(1, 3),
         *(torch.tensor([[1.0, 0, 0]]),) * 2,
         torch.tensor([[-1.0, 0, 0]]),
-        SkinPlaces(torch.zeros(1, 3, dtype=torch.long), torch.zeros(1, 3)),
+        MeshPoints(torch.zeros(1, 3, dtype=torch.long), torch.zeros(1, 3)),
     )
     light = []
     for direction in directions:
         patch = flat_patches(direction[None], -direction[None], torch.tensor([1e-4]), torch.ones(1, 3))
-        near = backend.near_light(patch, PointShadows(lit, 0 * lit), torch.full((1, 3), 1e4 * pi), point)
+        near = backend.near_field_light(patch, PointShadows(lit, 0 * lit), torch.full((1, 3), 1e4 * pi), point)
         light.append(float(near.sky_vectors[0, :, 0].norm()))
     assert light[0] < 0.2
     assert light[-1] > 0.8
@@ -197,12 +199,12 @@ def test_patches_shed_light_a_second_time():
     patches = flat_patches(position, normal, torch.full((2,), 0.01), torch.tensor([[0.5, 0.5, 0.5], [0.4, 0.2, 0.1]]))
     lamp = LampSamples.of((Lamp("sun", np.array([1.0, 2, 3])),), Bounds(torch.zeros(3), torch.tensor(0.1)))
     of_sky = torch.zeros(SKY_DIRECTIONS, 2)
-    shed = SurroundingLight(patches, of_sky, torch.tensor([[1.0, 0]]).expand(len(lamp.rgb), 2)).shed(
+    emitted = PatchIrradiance(patches, of_sky, torch.tensor([[1.0, 0]]).expand(len(lamp.rgb), 2)).emitted(
         LightSamples(SkySamples.of(None, "cpu"), lamp), dark_skin()
     )
     direct = 0.5 * lamp.rgb.sum(0)
-    torch.testing.assert_close(shed[0], direct)
-    torch.testing.assert_close(shed[1], torch.tensor([0.4, 0.2, 0.1]) * 0.01 / (pi * 0.04 + 0.01) * direct)
+    torch.testing.assert_close(emitted[0], direct)
+    torch.testing.assert_close(emitted[1], torch.tensor([0.4, 0.2, 0.1]) * 0.01 / (pi * 0.04 + 0.01) * direct)
 
 
 def test_light_on_patches_adds_up_in_lamps_and_sky():
@@ -211,10 +213,10 @@ def test_light_on_patches_adds_up_in_lamps_and_sky():
     bounds = Bounds(torch.zeros(3), torch.tensor(0.1))
     lamps = LampSamples.of((Lamp("sun", np.array([1.0, 2, 3])),), bounds)
     sky = SkySamples.of(None, "cpu")._replace(flux=torch.full((SKY_DIRECTIONS, 3), 0.1))
-    light = SurroundingLight(patches, torch.rand(SKY_DIRECTIONS, count), torch.rand(1, count))
+    light = PatchIrradiance(patches, torch.rand(SKY_DIRECTIONS, count), torch.rand(1, count))
     dark = sky._replace(flux=0 * sky.flux)
     both, one, other = (
-        light.shed(LightSamples(s, lamp), dark_skin())
+        light.emitted(LightSamples(s, lamp), dark_skin())
         for s, lamp in ((sky, lamps), (sky, lamps._replace(rgb=0 * lamps.rgb)), (dark, lamps))
     )
     torch.testing.assert_close(both, one + other)
@@ -241,18 +243,18 @@ def test_points_lie_on_their_patches_and_have_their_area():
 
 
 @pytest.mark.parametrize("edge_m", [-0.11, 0.0, 0.07])
-def test_a_shadow_ends_within_a_patch(backend, spheres, seen_from, edge_m):
+def test_a_shadow_ends_within_a_patch(backend, spheres, view_from, edge_m):
     """Half a wall of 0.8 m in a sun that shines straight on it, but for what stands before the sun."""
     mesh, topology = spheres(((0, 0, 0.3), 0.02))
-    hand = HandInView(mesh, topology, seen_from(mesh, (0.2, -1, 0.3)))
+    hand = HandInView(mesh, topology, view_from(mesh, (0.2, -1, 0.3)))
     board = np.array([[[edge_m, -9, 1.0], [edge_m, 9, 1.0], [-9, 0, 1.0]]])
     triangles = np.concatenate([wall(-0.1), board])
     sun = Lamp("sun", np.full(3, pi), rotation=np.eye(3))
     light = Light((sun,), None, triangles, np.repeat([[0.5, 0.5, 0.5], [0, 0, 0]], [12, 1], 0))
-    shed = surrounding_light(backend, hand, LightSamples.of(light, Bounds.of(mesh)), light)
-    assert shed is not None
-    of_sun = shed.of_lamps.sum(0) / shed.of_lamps.sum(0).max()
-    lit = (of_sun * shed.patches.area_m2)[shed.patches.normal[:, 2] > 0.99].sum()
+    emitted = nearby_geometry_of(backend, hand, LightSamples.of(light, Bounds.of(mesh)), light)
+    assert emitted is not None
+    of_sun = emitted.of_lamps.sum(0) / emitted.of_lamps.sum(0).max()
+    lit = (of_sun * emitted.patches.area_m2)[emitted.patches.normal[:, 2] > 0.99].sum()
     assert float(lit) == pytest.approx(0.8 * (0.4 - edge_m), rel=0.04)
 
 
@@ -261,12 +263,14 @@ def test_the_hand_lights_what_stands_around(backend):
     patches = flat_patches(
         *torch.tensor([[[0.0, 0, 0]], [[0.0, 0, 1]]]), torch.tensor([0.01]), torch.tensor(RED).float()
     )
-    disc = Probes(torch.tensor([[0.0, 0, 0.3]]), torch.tensor([[0.0, 0, -1]]), torch.tensor([0]), torch.tensor([0.02]))
+    disc = Surfels(torch.tensor([[0.0, 0, 0.3]]), torch.tensor([[0.0, 0, -1]]), torch.tensor([0]), torch.tensor([0.02]))
     lamp = LampSamples.of((Lamp("sun", np.array([1.0, 2, 3])),), Bounds(torch.zeros(3), torch.tensor(0.1)))
     light = LightSamples(SkySamples.of(None, "cpu"), lamp)
-    skin = ProbeLight(disc, torch.tensor([0.7, 0.5, 0.4]), torch.zeros(SKY_DIRECTIONS, 1), torch.ones(len(lamp.rgb), 1))
-    around_it = SurroundingLight(patches, torch.zeros(SKY_DIRECTIONS, 1), torch.zeros(len(lamp.rgb), 1))
+    skin = SurfelIrradiance(
+        disc, torch.tensor([0.7, 0.5, 0.4]), torch.zeros(SKY_DIRECTIONS, 1), torch.ones(len(lamp.rgb), 1)
+    )
+    around_it = PatchIrradiance(patches, torch.zeros(SKY_DIRECTIONS, 1), torch.zeros(len(lamp.rgb), 1))
     expected = (
         0.02 / (pi * 0.09 + 0.02) * torch.tensor(RED[0]).float() * torch.tensor([0.7, 0.5, 0.4]) * lamp.rgb.sum(0)
     )
-    torch.testing.assert_close(around_it.shed(light, skin, backend.bounced)[0], expected)
+    torch.testing.assert_close(around_it.emitted(light, skin, backend.indirect_diffuse)[0], expected)

@@ -17,9 +17,9 @@ from livehand.backend.hand.lbs import posed_vertices, skin_motion
 from livehand.backend.hand.topology import topology_of
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
-from livehand.backend.render.known_skin import hairs_on, skin_of
+from livehand.backend.render.avatar_surface import avatar_surface_of, hairs_on
 from livehand.backend.surface.base_surface import base_arrays, surface_of_person
-from livehand.backend.surface.fine_mesh import FineTemplate, fine_mesh
+from livehand.backend.surface.detail_mesh import DetailTemplate, detail_mesh
 
 CPU = torch.device("cpu")
 # Goes with Rough Relighting, which asks for the light that is baked into an avatar.
@@ -32,7 +32,7 @@ def avatar():
 
 
 def of_person(avatar, hand, **numbers):
-    return skin_of(replace(avatar, surface=surface_of_person(Person(**numbers), hand.sha256)), CPU)
+    return avatar_surface_of(replace(avatar, surface=surface_of_person(Person(**numbers), hand.sha256)), CPU)
 
 
 def reads_of_provenance(source):
@@ -56,12 +56,12 @@ def test_a_read_of_provenance_is_found():
 
 
 def test_known_is_what_has_a_surface(avatar):
-    assert skin_of(replace(avatar, provenance={}), CPU) is not None
-    assert skin_of(replace(avatar, surface=None), CPU) is None
+    assert avatar_surface_of(replace(avatar, provenance={}), CPU) is not None
+    assert avatar_surface_of(replace(avatar, surface=None), CPU) is None
 
 
 def test_the_avatars_that_ship_have_their_persons_detail():
-    tables = {name: skin_of(load_avatar(avatar_path(name)), CPU).maps.table for name in ("light", "deep")}
+    tables = {name: avatar_surface_of(load_avatar(avatar_path(name)), CPU).maps.table for name in ("light", "deep")}
     assert not torch.equal(tables["light"], tables["deep"])
 
 
@@ -80,31 +80,34 @@ def test_maps_offsets_and_hairs_are_those_of_the_avatars_file(avatar, hand):
         "nail": np.full_like(base["nail"], 100),
         "hair/share": np.where(np.arange(4) == 1, base["hair/share"], np.float32(0)),
     }
-    skin, known = skin_of(replace(avatar, surface=replace(avatar.surface, arrays=own)), CPU), skin_of(avatar, CPU)
+    skin, known = (
+        avatar_surface_of(replace(avatar, surface=replace(avatar.surface, arrays=own)), CPU),
+        avatar_surface_of(avatar, CPU),
+    )
     assert (skin.surface.offset_m - known.surface.offset_m) == pytest.approx(1e-4, abs=1e-6)
     assert (skin.maps.table[:, 9] == 100).all()
     assert torch.equal(skin.maps.table[:, :2], known.maps.table[:, :2])
-    template = FineTemplate.of(known.surface, hand)
+    template = DetailTemplate.of(known.surface, hand)
     of_back, of_all = (len(hairs_on(one, template).corners) for one in (skin, known))
     assert 0 < of_back < 0.3 * of_all
 
 
 def test_a_surface_that_does_not_fit_the_mesh_is_refused(avatar, hand):
-    surface = skin_of(avatar, CPU).surface
+    surface = avatar_surface_of(avatar, CPU).surface
     with pytest.raises(LiveHandError, match=r"the surface must have the 30674 vertices of .* got 30673"):
-        FineTemplate.of(replace(surface, offset_m=surface.offset_m[:-1]), hand)
+        DetailTemplate.of(replace(surface, offset_m=surface.offset_m[:-1]), hand)
 
 
 def test_the_surface_follows_the_pose_and_else_the_mesh(avatar, hand):
     """That of the pose, to the bit, where the mesh is the pose's; sculpted by 2 mm, it is raised by about as much."""
-    known = skin_of(avatar, CPU)
-    topology, template = topology_of(hand), FineTemplate.of(known.surface, hand)
+    known = avatar_surface_of(avatar, CPU)
+    topology, template = topology_of(hand), DetailTemplate.of(known.surface, hand)
     pose = HandPose(np.zeros((16, 3)), np.zeros(10), np.array([0.1, 0.2, 0.3]))
     mesh = posed_mesh(topology, torch.as_tensor(posed_vertices(hand, pose), dtype=torch.float32))
     of_pose = known.posed(template, pose, mesh, topology.frames, ReferenceBackend())
     height = torch.as_tensor(1e-3 * known.surface.raised.height_mm(pose.theta, known.veins_mm), dtype=torch.float32)
     flex = torch.as_tensor(known.bend.flex(pose.theta), dtype=torch.float32)
-    expected = fine_mesh(template, skin_motion(template.skin, pose), height, flex, mesh.scale)
+    expected = detail_mesh(template, skin_motion(template.skin, pose), height, flex, mesh.scale)
     assert torch.equal(of_pose.vertices, expected.vertices)
     sculpted = mesh._replace(vertices=mesh.vertices + 0.002 * mesh.normals)
     raised = known.posed(template, pose, sculpted, topology.frames, ReferenceBackend()).vertices - of_pose.vertices

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 from livehand.backend.image.crop import Crop
-from livehand.backend.image.surface_means import OFF_PLANE_M, RayPlaces
+from livehand.backend.image.edge_avoiding_filter import OFF_PLANE_M, RaySurfacePoints
 from livehand.backend.records.light import MeasuredLight
 from livehand.backend.render.measured_light import AtRays, measured_at, without_noise
 
@@ -70,11 +70,11 @@ def test_rays_where_another_surface_was_measured_have_the_light_beside_them_on_t
     is_finger = x < 20
     position = torch.stack([x * 0.0005, y * 0.0005, torch.where(is_finger, 0.0, 0.1)], -1).float()
     normal = torch.tensor([0.0, 0.0, 1.0]).expand(len(x), 3)
-    places = RayPlaces(position, normal, torch.arange(len(x)), (width, height), OFF_PLANE_M)
+    hit_points = RaySurfacePoints(position, normal, torch.arange(len(x)), (width, height), OFF_PLANE_M)
     shows = (x < 16) | (x == 19) & (y == 5) | (x >= 30)
     light = torch.where(is_finger, 1.0, 0.2)
     measured = torch.where(shows, light, 50.0)[:, None].expand(-1, 3)
-    found = AtRays(shows, places).filled(measured)
+    found = AtRays(shows, hit_points).filled(measured)
     near = x < 27  # farther than the passes reach, and nothing is known
     torch.testing.assert_close(found[near & is_finger], light[near & is_finger, None].expand(-1, 3))
     torch.testing.assert_close(found[shows], measured[shows])
@@ -87,8 +87,8 @@ def test_noise_is_averaged_away_on_a_slanted_surface():
     x, y = torch.meshgrid(torch.arange(width) * 0.0005, torch.arange(height) * 0.0005, indexing="xy")
     position, normal = torch.stack([x, y, 0.75 * x], -1).reshape(-1, 3), torch.tensor([-0.6, 0.0, 0.8])
     pixel = torch.arange(width * height)
-    places = RayPlaces(position, normal.expand(len(pixel), 3), pixel, (width, height), OFF_PLANE_M)
+    hit_points = RaySurfacePoints(position, normal.expand(len(pixel), 3), pixel, (width, height), OFF_PLANE_M)
     noise = torch.randn(width * height, 3, generator=torch.Generator().manual_seed(1))
-    found = without_noise(1 + 0.1 * noise, places)
+    found = without_noise(1 + 0.1 * noise, hit_points)
     assert found.std() < 0.02
     assert abs(found.mean() - 1) < 0.01

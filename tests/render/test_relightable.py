@@ -132,7 +132,7 @@ def test_a_lamp_lights_its_own_side(renderer, shot):
 
 
 IN_THE_WINDOW = sky_directions(32, 64) @ -KEY.direction > np.cos(0.3)
-WINDOW = Light(sky=Sky(np.where(IN_THE_WINDOW, 5.0, 0.0)[..., None].repeat(3, 2)), penumbra="fine")
+WINDOW = Light(sky=Sky(np.where(IN_THE_WINDOW, 5.0, 0.0)[..., None].repeat(3, 2)), shadow_quality="fine")
 
 
 @pytest.mark.parametrize("light", [Light((KEY,)), WINDOW], ids=["lamp", "window"])
@@ -161,25 +161,25 @@ def test_clear_rays_of_a_known_surface_are_filled(hand, renderer, shot, monkeypa
 
 
 def test_shadows_are_of_the_known_surface_and_of_all_its_faces_in_frames_that_are_kept(renderer, shot, monkeypatch):
-    asked, lamp_skins = [], HitSurface.lamp_skins
+    asked, shadow_casters = [], HitSurface.shadow_casters
 
     def watched(surface, is_finest):
         asked.append(is_finest)
-        return lamp_skins(surface, is_finest)
+        return shadow_casters(surface, is_finest)
 
-    monkeypatch.setattr(HitSurface, "lamp_skins", watched)
-    frames = [renderer.render(replace(shot, light=Light((KEY,), penumbra=each))) for each in ("none", "fine")]
+    monkeypatch.setattr(HitSurface, "shadow_casters", watched)
+    frames = [renderer.render(replace(shot, light=Light((KEY,), shadow_quality=each))) for each in ("none", "fine")]
     assert asked == [False, True]
-    monkeypatch.setattr(HitSurface, "lamp_skins", lambda surface, is_finest: None)
-    by_mesh = renderer.render(replace(shot, light=Light((KEY,), penumbra="none")))
+    monkeypatch.setattr(HitSurface, "shadow_casters", lambda surface, is_finest: None)
+    by_mesh = renderer.render(replace(shot, light=Light((KEY,), shadow_quality="none")))
     change = np.abs(frames[0].rgb - by_mesh.rgb).mean() / by_mesh.rgb.mean()
     assert 0 < change < 0.1
 
 
 def test_of_what_moves_lamps_shadows_are_of_the_meshs_faces_on_the_surface(renderer, shot, monkeypatch):
-    asked, lamp_skin, light = [], HitSurface.lamp_skin, Light((KEY,), penumbra="none")
+    asked, shadow_caster, light = [], HitSurface.shadow_caster, Light((KEY,), shadow_quality="none")
     monkeypatch.setattr(
-        HitSurface, "lamp_skin", lambda surface, faces: asked.append(lamp_skin(surface, faces)) or asked[-1]
+        HitSurface, "shadow_caster", lambda surface, faces: asked.append(shadow_caster(surface, faces)) or asked[-1]
     )
     moving = renderer.render(replace(shot, quality="preview", light=light))
     ((mesh, faces, _),), kept = asked, renderer.pipeline._last.gbuffer
@@ -234,8 +234,8 @@ def test_a_known_skin_shows_where_it_is_wanted(hand, renderer, shot):
 @pytest.mark.parametrize("eye", [(0.1, 0.6, 0.2), (0.6, 0.0, 0.1), (-0.3, -0.2, -0.5)])
 def test_whatever_is_opaque_has_a_depth(hand, renderer, shot, eye):
     """It is where the mesh is but for what the skin raises."""
-    seen_from = replace(shot.camera, cam2world=look_at(np.array(eye), np.zeros(3), np.array([1.0, 0.1, 0])))
-    shot = shot.with_camera(seen_from)
+    view_from = replace(shot.camera, cam2world=look_at(np.array(eye), np.zeros(3), np.array([1.0, 0.1, 0])))
+    shot = shot.with_camera(view_from)
     frame = renderer.render(shot)
     solid = frame.alpha >= 0.5
     assert solid.sum() > 300

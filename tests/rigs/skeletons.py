@@ -10,7 +10,7 @@ from livehand.backend.rigs.source_skeleton import SourceSkeleton
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 
 
-def places(side="right"):
+def points(side="right"):
     """Joints [16, 3] and fingertips [5, 3] of our hand at rest."""
     model = load_default_hand().for_side(side)
     tips = []
@@ -23,7 +23,7 @@ def places(side="right"):
 
 def hand_bones(names, tips=(None,) * 5, side="right", above=None, metacarpals=(None,) * 4):
     """[(name, parent's name, head)] of one hand; names that are None are left out."""
-    joints, ends = places(side)
+    joints, ends = points(side)
     bones = [(names[0], above, joints[0])]
     for finger in range(5):
         first = 3 * finger + 1

@@ -12,7 +12,7 @@ from livehand.backend.rigs.joint_guess import guess_joints
 from livehand.backend.rigs.source_skeleton import JointMap
 
 LIB = runpy.run_path(str(Path(__file__).parent / "skeletons.py"))
-hand_bones, skeleton, places = LIB["hand_bones"], LIB["skeleton"], LIB["places"]
+hand_bones, skeleton, points = LIB["hand_bones"], LIB["skeleton"], LIB["places"]
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 TITLES = ("Index", "Middle", "Pinky", "Ring", "Thumb")
 PLAIN = ("f_index", "f_middle", "f_pinky", "f_ring", "thumb")
@@ -218,7 +218,7 @@ def test_counting_from_zero_begins_in_the_palm():
 
 
 def test_four_numbered_bones_are_a_tip_more_or_a_metacarpal_more():
-    _joints, _tips = places()
+    _joints, _tips = points()
     for with_tip in (True, False):
         names = ["hand_r", *(f"{f}{k + (not with_tip and f != 'thumb')}_r" for f in FINGERS for k in (1, 2, 3))]
         ends = [f"{f}4_r" for f in FINGERS] if with_tip else [None] * 5
@@ -364,7 +364,7 @@ def test_a_metacarpal_that_is_numbered_first_is_none_of_the_joints(share):
     """Wherever in the palm the metacarpals begin, and though only two fingers have them."""
     names = ["hand_r", *(f"{f}{k + (f in ('ring', 'pinky'))}_r" for f in FINGERS for k in (1, 2, 3))]
     bones = hand_bones(names, metacarpals=[None, None, "pinky1_r", "ring1_r"])
-    joints, _ = places()
+    joints, _ = points()
     first = {"pinky1_r": joints[7], "ring1_r": joints[10]}
     bones = [(n, p, (1 - share) * joints[0] + share * first[n] if n in first else head) for n, p, head in bones]
     assert guess_joints(skeleton(bones)).bones == tuple(names)

@@ -167,12 +167,12 @@ def test_a_rest_pose_that_is_no_hands_is_not_taken_for_one(hand, side):
     thetas = np.array([gesture(name, side) for name in ("rest", "fist", "pinch", "point", "spread")])
     nodes = rest_nodes(hand.for_side(side), np.zeros(10))
     wanted = in_world(thetas, turn)
-    places = np.array([forward(nodes, theta)[1] for theta in wanted]) - nodes[0] + rest.heads[0]
-    source = replace(posed(thetas), nodes=places, ends=np.full((5, 5, 3), np.nan))
+    points = np.array([forward(nodes, theta)[1] for theta in wanted]) - nodes[0] + rest.heads[0]
+    source = replace(posed(thetas), nodes=points, ends=np.full((5, 5, 3), np.nan))
     alignment = align(rest, joint_map(side), hand, MEAN)
     motion = retarget(source, alignment)
     found = np.array([forward(nodes, theta)[1] for theta in motion.theta]) + motion.transl[:, None]
-    np.testing.assert_allclose(found, places, atol=1e-6)
+    np.testing.assert_allclose(found, points, atol=1e-6)
     off = apart_deg(motion.theta, wanted)
     assert off[:, :13].max() < 10  # of the fist, whose fingers lie spread beside each other
     assert off[:, 13:].max() < 25
@@ -233,9 +233,9 @@ def test_without_tips_a_tail_shows_the_way_and_a_nonsense_tail_does_not(hand):
     truth = align(with_tips, joint_map("right"), hand, MEAN)
     tails = rest.tails.copy()
     tails[3:16:3] = rest.heads[3:16:3] + 0.3 * (with_tips.heads[16:] - rest.heads[3:16:3])
-    told = type(rest)(rest.names, rest.parents, rest.heads, tails, rest.frames)
+    reported = type(rest)(rest.names, rest.parents, rest.heads, tails, rest.frames)
     map_without = joint_map("right", (None,) * 5)
-    aligned = align(told, map_without, hand, MEAN)
+    aligned = align(reported, map_without, hand, MEAN)
     np.testing.assert_allclose(aligned.rotations, truth.rotations, atol=1e-9)
     straight = align(rest, map_without, hand, MEAN)
     assert np.isfinite(straight.rotations).all()

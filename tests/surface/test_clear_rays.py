@@ -5,11 +5,11 @@ import pytest
 import torch
 from livehand.backend.field.rays import RenderedRays, camera_tensors, ray_directions
 from livehand.backend.field.volume import Composite
-from livehand.backend.image.relighting import SkinDepth, neighbours, shares_of_rays
-from livehand.backend.light.bounce import SkinPlaces
+from livehand.backend.image.shading import SurfaceDepth, neighbours, shares_of_rays
+from livehand.backend.light.indirect_diffuse import MeshPoints
 from livehand.backend.light.lighting import SurfacePoints
 from livehand.backend.records.camera import Camera
-from livehand.backend.surface.clear_rays import CLEAR, OPAQUE, completed, filled, without_strays
+from livehand.backend.surface.hole_filling import CLEAR, OPAQUE, add_missing_rays, drop_outliers, inpaint
 from livehand.backend.surface.ray_hits import RayHits
 from torch.nn.functional import normalize
 
@@ -38,7 +38,7 @@ def skin(alpha=None):
 def test_a_clear_ray_has_the_colours_and_the_opacity_around():
     low, pixel, depth = skin()
     low.channels[CENTRE], low.alpha[CENTRE] = torch.tensor([0.001, 0.0]), 0.01
-    after = filled(low, pixel, SIZE, hits_at(depth), EDGE_M)
+    after = inpaint(low, pixel, SIZE, hits_at(depth), EDGE_M)
     torch.testing.assert_close(after.channels, SKIN.repeat(COUNT, 1))
     torch.testing.assert_close(after.alpha, torch.ones(COUNT))
 
@@ -47,7 +47,7 @@ def test_between_clear_and_opaque_a_ray_has_a_share_of_its_own_colours():
     low, pixel, depth = skin()
     half = (CLEAR + OPAQUE) / 2
     low.channels[CENTRE], low.alpha[CENTRE] = half * PALM, half
-    after = filled(low, pixel, SIZE, hits_at(depth), EDGE_M)
+    after = inpaint(low, pixel, SIZE, hits_at(depth), EDGE_M)
     opacity = (half + 1) / 2
     assert after.alpha[CENTRE] == pytest.approx(opacity)
     torch.testing.assert_close(after.channels[CENTRE], opacity * (PALM + SKIN) / 2)
@@ -59,21 +59,21 @@ def test_colours_of_another_part_do_not_count():
     left = pixel % SIZE[0] < 20
     low.channels[left], depth[left] = PALM, FAR_M
     low.alpha[CENTRE], low.channels[CENTRE] = 0.0, torch.zeros(2)
-    after = filled(low, pixel, SIZE, hits_at(depth), EDGE_M)
+    after = inpaint(low, pixel, SIZE, hits_at(depth), EDGE_M)
     torch.testing.assert_close(after.channels[CENTRE], SKIN)
 
 
 def test_opaque_rays_and_those_beside_the_surface_stay():
     low, pixel, depth = skin(torch.linspace(0, 1, COUNT))
     depth[low.alpha < OPAQUE] = torch.inf
-    after = filled(low, pixel, SIZE, hits_at(depth), EDGE_M)
+    after = inpaint(low, pixel, SIZE, hits_at(depth), EDGE_M)
     assert torch.equal(after.channels, low.channels)
     assert torch.equal(after.alpha, low.alpha)
 
 
 def test_without_opaque_skin_around_rays_stay_as_they_are():
     low, pixel, depth = skin(torch.full((COUNT,), 0.1))
-    after = filled(low, pixel, SIZE, hits_at(depth), EDGE_M)
+    after = inpaint(low, pixel, SIZE, hits_at(depth), EDGE_M)
     torch.testing.assert_close(after.channels, low.channels)
 
 
@@ -81,13 +81,13 @@ def test_pixels_of_the_surface_without_a_ray_get_a_clear_one():
     pixel = torch.tensor([3, 1])
     rays = RenderedRays(pixel, composite(SKIN.repeat(2, 1), torch.ones(2)), torch.full((2, 3), 0.4), torch.ones(2))
     depth = torch.tensor([torch.inf, 0.41, 0.42, 0.43])
-    both, hits = completed(rays, hits_at(depth))
+    both, hits = add_missing_rays(rays, hits_at(depth))
     assert both.pixel.tolist() == [3, 1, 2]
     assert hits.depth.tolist() == pytest.approx([0.43, 0.41, 0.42])
     assert both.composite.alpha.tolist() == [1, 1, 0]
     assert both.t[2].tolist() == pytest.approx([0.42] * 3)
     assert depth.isfinite().tolist() == [False, True, True, True]  # nothing was changed
-    same, _ = completed(both, hits_at(depth))
+    same, _ = add_missing_rays(both, hits_at(depth))
     assert torch.equal(same.pixel, both.pixel)
 
 
@@ -95,17 +95,17 @@ def test_pixels_of_the_surface_take_no_light_from_clear_rays_beside_it(seen_came
     """Two rays on the surface, two beside it: the clear one has no share, the other as before."""
     directions = ray_directions(seen_camera, torch.arange(4))
     position, view = NEAR_M * directions, normalize(directions, dim=-1)
-    points = SurfacePoints(position, view, view, view, SkinPlaces(torch.zeros(4, 3).long(), torch.zeros(4, 3)))
+    points = SurfacePoints(position, view, view, view, MeshPoints(torch.zeros(4, 3).long(), torch.zeros(4, 3)))
     hits = hits_at(torch.tensor([NEAR_M, NEAR_M, torch.inf, torch.inf]))
-    told = without_strays(points, torch.tensor([1.0, 0.1, 0.1, 0.6]), hits, EDGE_M)
-    assert torch.equal(told.position[[0, 1, 3]], position[[0, 1, 3]])
+    reported = drop_outliers(points, torch.tensor([1.0, 0.1, 0.1, 0.6]), hits, EDGE_M)
+    assert torch.equal(reported.position[[0, 1, 3]], position[[0, 1, 3]])
     full = torch.arange(16)
     depth = torch.full((16,), NEAR_M)
 
     def shares(of):
-        return shares_of_rays(of.position, torch.arange(4), seen_camera, full, SkinDepth(depth, EDGE_M))
+        return shares_of_rays(of.position, torch.arange(4), seen_camera, full, SurfaceDepth(depth, EDGE_M))
 
-    before, after = shares(points), shares(told)
+    before, after = shares(points), shares(reported)
     rays, _ = neighbours(full, (2, 2))
     is_alone = (rays == 2).all(1)
     assert is_alone.sum() == 1  # at the corner, where no other ray is

@@ -13,7 +13,7 @@ from livehand.backend.surface.detail_maps import (
     DetailMaps,
     SkinLook,
 )
-from livehand.backend.surface.detail_maps_file import ATLAS_MM, COARSEST_MM, SkinBend, SkinDetail, SkinMaps
+from livehand.backend.surface.detail_maps_file import ATLAS_MM, COARSEST_MM, SkinFlexion, SkinMaps, SurfaceDetail
 
 N = 64
 TEXEL_MM = ATLAS_MM / N
@@ -25,9 +25,9 @@ def skin_maps(side, **maps):
 
 
 def maps_of(fine, coarse):
-    bend = SkinBend(np.zeros(4, int), np.zeros((16, 3)))
+    bend = SkinFlexion(np.zeros(4, int), np.zeros((16, 3)))
     return DetailMaps.of(
-        SkinDetail(
+        SurfaceDetail(
             fine,
             coarse,
             np.zeros((16, 16), np.float32),
@@ -100,7 +100,9 @@ def flat_detail(unresolved=0.0):
     """Even skin, whose fine surface lacks this slope everywhere."""
     nail, rough = np.zeros((16, 16), np.float32), np.full((16, 16), 0.5, np.float32)
     slopes = np.full((2, 16, 16), unresolved, np.float32)
-    return SkinDetail(skin_maps(N), skin_maps(16), nail, rough, slopes, SkinBend(np.zeros(4, int), np.zeros((16, 3))))
+    return SurfaceDetail(
+        skin_maps(N), skin_maps(16), nail, rough, slopes, SkinFlexion(np.zeros(4, int), np.zeros((16, 3)))
+    )
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.1, 0.2])

@@ -8,14 +8,14 @@ from livehand.backend.surface.detail_maps_file import (
     COARSEST_MM,
     FULL_FLEX_RAD,
     WIDEST_MM,
-    load_skin_detail,
+    load_surface_detail,
 )
 from livehand.tools.builtin_hand import TEMPLATE
 
 
 @pytest.fixture(scope="module")
 def detail(hand):
-    return load_skin_detail(hand.sha256)
+    return load_surface_detail(hand.sha256)
 
 
 def blocks(values, size):
@@ -77,5 +77,5 @@ def test_every_vertex_has_a_joint_of_its_own_hand(hand, detail):
 
 
 def test_other_hands_have_no_known_detail():
-    assert load_skin_detail(load_hand_model(TEMPLATE).sha256) is None
-    assert load_skin_detail("0" * 64) is None
+    assert load_surface_detail(load_hand_model(TEMPLATE).sha256) is None
+    assert load_surface_detail("0" * 64) is None

@@ -15,19 +15,19 @@ from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
 from livehand.backend.hand.topology import topology_of
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.shot import HandPose
-from livehand.backend.surface.fine_mesh import (
+from livehand.backend.surface.detail_mesh import (
     MOST_EDGE_PX,
     SAMPLES,
-    FineMesh,
-    FineTemplate,
+    DetailMesh,
+    DetailTemplate,
     LevelsOfDetail,
-    fine_mesh,
+    detail_mesh,
     motion_of_mesh,
     on_surface,
     spread,
 )
-from livehand.backend.surface.fine_surface import load_fine_surface
-from livehand.backend.surface.part_edges import SPREAD, SurfaceBones
+from livehand.backend.surface.detail_surface import load_detail_surface
+from livehand.backend.surface.edge_antialiasing import SPREAD, SurfaceBones
 
 AT_REST = HandPose(np.zeros((16, 3)), np.zeros(10), np.zeros(3))
 SIZE, ONE = (48, 40), torch.tensor(1.0)
@@ -35,12 +35,12 @@ SIZE, ONE = (48, 40), torch.tensor(1.0)
 
 @pytest.fixture(scope="module")
 def surface(hand):
-    return load_fine_surface(hand.sha256)
+    return load_detail_surface(hand.sha256)
 
 
 @pytest.fixture(scope="module")
 def templates(hand, surface):
-    return {side: FineTemplate.of(surface, hand.for_side(side)) for side in ("right", "left")}
+    return {side: DetailTemplate.of(surface, hand.for_side(side)) for side in ("right", "left")}
 
 
 def pose_of(gesture, side="right", beta=0.0):
@@ -58,7 +58,7 @@ def flat_skin(template, motion):
 def test_at_rest_it_is_the_subdivided_template_moved_by_the_offsets(backend, hand, templates):
     right = templates["right"]
     motion = skin_motion(right.skin, AT_REST)
-    found = backend.fine_mesh(right, motion, *flat_skin(right, motion))
+    found = backend.detail_mesh(right, motion, *flat_skin(right, motion))
     expected = torch.as_tensor(hand.v_template, dtype=torch.float32)
     for level in right.levels:
         expected = level(expected)
@@ -84,7 +84,7 @@ def test_the_coarser_template_shows_every_vertex_where_the_finest_does(backend, 
     height_m = torch.linspace(0, 0.002, len(finest.offset_m))
     flex = torch.linspace(-1, 1, len(motion.rest))
     fine, coarse = (
-        backend.fine_mesh(template, motion, height_m[: len(template.offset_m)], flex, ONE)
+        backend.detail_mesh(template, motion, height_m[: len(template.offset_m)], flex, ONE)
         for template in (finest, coarser)
     )
     torch.testing.assert_close(coarse.vertices, fine.vertices[:count], atol=1e-7, rtol=0)
@@ -107,20 +107,20 @@ def test_only_small_pictures_show_the_coarser_one(hand, surface):
         cam2world = np.eye(4)
         cam2world[2, 3] = hand.v_template[:, 2].min() - beyond * edge_m * focal_px / MOST_EDGE_PX
         camera = camera_tensors(Camera(K, cam2world, SIZE), "cpu")
-        assert levels.seen_in(HandInView(mesh, topology, camera)) is expected
+        assert levels.visible_in(HandInView(mesh, topology, camera)) is expected
 
 
 def test_a_field_follows_what_rises_far_and_stays_where_it_has_learnt_the_skin(hand, surface):
     """A hand of twice the template's size: metres of the template count."""
-    finest, pose, topology = FineTemplate.of(surface, hand), AT_REST, topology_of(hand)
+    finest, pose, topology = DetailTemplate.of(surface, hand), AT_REST, topology_of(hand)
     motion = skin_motion(finest.skin, pose)
     mesh = posed_mesh(topology, 2 * motion.vertices)
     heights_m = torch.linspace(-0.003, 0.003, len(mesh.vertices))
     raised = mesh.vertices + 2 * heights_m[:, None] * mesh.normals
-    fine = FineMesh(torch.cat([raised, raised[:5]]), *(torch.zeros(0),) * 4, mesh.scale, finest.bones, torch.zeros(0))
+    fine = DetailMesh(torch.cat([raised, raised[:5]]), *(torch.zeros(0),) * 4, mesh.scale, finest.bones, torch.zeros(0))
     hand_in_view = HandInView(mesh, topology, camera_tensors(Camera(np.eye(3), np.eye(4), SIZE), "cpu"))
     met = on_surface(hand_in_view, fine, torch.full((5,), 0.7))
-    assert torch.equal(met.known_depth, torch.full((5,), 0.7))
+    assert torch.equal(met.surface_depth, torch.full((5,), 0.7))
     assert torch.equal(met.mesh.normals, mesh.normals)
     moved_m = ((met.mesh.vertices - mesh.vertices) * mesh.normals).sum(1) / 2
     close, far = heights_m.abs() < 0.00049, heights_m.abs() > 0.00151
@@ -134,7 +134,7 @@ def test_heights_lie_along_the_normals_at_rest(backend, hand, templates):
     motion = skin_motion(right.skin, AT_REST)
     _, flex, scale = flat_skin(right, motion)
     height_m = torch.linspace(0, 0.002, len(right.offset_m))
-    low, high = (backend.fine_mesh(right, motion, each, flex, scale) for each in (0 * height_m, height_m))
+    low, high = (backend.detail_mesh(right, motion, each, flex, scale) for each in (0 * height_m, height_m))
     torch.testing.assert_close(high.vertices - low.vertices, height_m[:, None] * right.normals, atol=1e-6, rtol=0)
 
 
@@ -143,7 +143,7 @@ def test_it_follows_skinning_as_the_surface_of_captures_does(backend, hand, temp
     """The slow way: weights, correctives and shape of every finer vertex, and its own transform."""
     right, pose = templates["right"], pose_of(gesture, beta=0.7)
     motion = skin_motion(right.skin, pose)
-    found = backend.fine_mesh(right, motion, *flat_skin(right, motion))
+    found = backend.detail_mesh(right, motion, *flat_skin(right, motion))
 
     def finer(values):
         values = torch.as_tensor(values, dtype=torch.float32).reshape(len(hand.v_template), -1)
@@ -169,7 +169,7 @@ def test_the_left_hand_is_the_mirror_image(backend, hand, templates):
     for side in ("right", "left"):
         motion = skin_motion(templates[side].skin, pose_of("fist", side))
         height, flex, scale = flat_skin(templates[side], motion)
-        found[side] = backend.fine_mesh(templates[side], motion, height + 0.001, flex, scale)
+        found[side] = backend.detail_mesh(templates[side], motion, height + 0.001, flex, scale)
     torch.testing.assert_close(found["left"].vertices, found["right"].vertices * mirror, atol=1e-6, rtol=0)
     torch.testing.assert_close(found["left"].normals, found["right"].normals * mirror, atol=1e-4, rtol=0)
 
@@ -188,8 +188,8 @@ def test_a_mesh_that_no_pose_explains_is_followed_by_its_own_surface(hand, templ
     torch.testing.assert_close(moved.vertices, vertices, atol=1e-6, rtol=0)
     _, flex, scale = flat_skin(template, posed)
     height = torch.full((len(template.offset_m),), 0.001)
-    expected = fine_mesh(template, posed, height, flex, scale).vertices
-    found = fine_mesh(template, moved, height, flex, mesh.scale).vertices
+    expected = detail_mesh(template, posed, height, flex, scale).vertices
+    found = detail_mesh(template, moved, height, flex, mesh.scale).vertices
     apart_mm = 1e3 * (found / 2 - (expected @ turn.T + torch.tensor([0.05, 0.1, 0.15]))).norm(dim=-1)
     assert apart_mm.median() < 0.05
     assert apart_mm.quantile(0.95) < 0.4
@@ -216,14 +216,14 @@ def square(left_px, right_px, top_px, bottom_px):
     vertices = torch.stack([x, y, torch.zeros(4)], 1)
     faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
     up = torch.tensor([0.0, 0, 1]).expand(4, 3)
-    return FineMesh(vertices, up, faces, torch.zeros(2, 3, 2), torch.zeros(4), ONE, one_bone(2), faces)
+    return DetailMesh(vertices, up, faces, torch.zeros(2, 3, 2), torch.zeros(4), ONE, one_bone(2), faces)
 
 
 def ball(radius_m):
     """A sphere of 20,480 faces about the origin."""
     mesh = trimesh.creation.icosphere(5, radius_m)
     vertices, faces = torch.as_tensor(mesh.vertices, dtype=torch.float32), torch.as_tensor(np.array(mesh.faces))
-    return FineMesh(
+    return DetailMesh(
         vertices,
         vertices / radius_m,
         faces,
@@ -237,7 +237,7 @@ def ball(radius_m):
 
 @pytest.mark.parametrize("edge_px", [9.0, 9.25, 9.5, 9.8])
 def test_a_straight_edge_covers_pixels_by_their_share(backend, edge_px):
-    seen = backend.seen_surface(square(edge_px, 30.0, 5.0, 33.0), camera())
+    seen = backend.visible_surface(square(edge_px, 30.0, 5.0, 33.0), camera())
     row = seen.coverage.reshape(SIZE[1], SIZE[0])[20]
     share = (torch.arange(SIZE[0]) + 1 - edge_px).clamp(0, 1)[:20]
     expected = SPREAD[0] * (share.roll(1) + share.roll(-1)) + SPREAD[1] * share
@@ -247,7 +247,7 @@ def test_a_straight_edge_covers_pixels_by_their_share(backend, edge_px):
 
 
 def test_faces_and_depth_are_those_at_the_centres(backend):
-    seen = backend.seen_surface(square(9.4, 30.0, 5.0, 33.0), camera())
+    seen = backend.visible_surface(square(9.4, 30.0, 5.0, 33.0), camera())
     inside = torch.zeros(SIZE[1], SIZE[0], dtype=torch.bool)
     inside[5:33, 9:30] = True
     assert torch.equal((seen.face >= 0).reshape(SIZE[1], SIZE[0]), inside)
@@ -261,7 +261,7 @@ def test_faces_and_depth_are_those_at_the_centres(backend):
 def test_where_a_pixel_shows_the_surface_beside_its_centre_it_is_as_deep_as_what_is_nearest_around(backend):
     leaning = square(9.4, 30.0, 5.0, 33.0)
     leaning = leaning._replace(vertices=leaning.vertices * torch.linspace(1, 1.3, 4)[:, None])
-    seen = backend.seen_surface(leaning, camera())
+    seen = backend.visible_surface(leaning, camera())
     depth = torch.where(seen.face >= 0, seen.depth, torch.inf).reshape(1, 1, SIZE[1], SIZE[0])
     lowest = -torch.nn.functional.max_pool2d(-depth, 3, 1, 1).flatten()
     beside = (seen.face < 0) & (seen.coverage > 0)
@@ -271,7 +271,7 @@ def test_where_a_pixel_shows_the_surface_beside_its_centre_it_is_as_deep_as_what
 
 def test_a_ball_covers_the_area_of_its_outline(backend):
     """Its outline from 1 m is a circle of the radius r / sqrt(1 - r^2)."""
-    seen = backend.seen_surface(ball(0.1), camera())
+    seen = backend.visible_surface(ball(0.1), camera())
     radius_px = 100 * 0.1 / np.sqrt(1 - 0.1**2)
     assert seen.coverage.sum().item() == pytest.approx(pi * radius_px**2, rel=6e-3)  # of 16 samples
     nearest = seen.depth.min().item()
@@ -280,11 +280,11 @@ def test_a_ball_covers_the_area_of_its_outline(backend):
 
 def test_a_mesh_out_of_sight_covers_nothing(backend):
     far_left = square(-30.0, -5.0, 5.0, 33.0)
-    seen = backend.seen_surface(far_left, camera())
+    seen = backend.visible_surface(far_left, camera())
     assert seen.coverage.eq(0).all()
     assert seen.face.eq(-1).all()
     turned_away = far_left._replace(faces=far_left.faces.flip(1), vertices=square(9.0, 30.0, 5.0, 33.0).vertices)
-    assert backend.seen_surface(turned_away, camera()).coverage.eq(0).all()
+    assert backend.visible_surface(turned_away, camera()).coverage.eq(0).all()
 
 
 def test_samples_stratify_both_axes():
@@ -302,10 +302,10 @@ def test_spreading_keeps_the_total_within_the_image():
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_both_backends_see_the_same_hand(backend_pair, fine_hand, seen_from, side):
+def test_both_backends_see_the_same_hand(backend_pair, fine_hand, view_from, side):
     mesh = fine_hand("fist", side)
-    view = seen_from(mesh, (0.2, -1, 0.4), size_px=(120, 110))
-    ours, theirs = (each.seen_surface(mesh, view) for each in backend_pair)
+    view = view_from(mesh, (0.2, -1, 0.4), size_px=(120, 110))
+    ours, theirs = (each.visible_surface(mesh, view) for each in backend_pair)
     assert (ours.face == theirs.face).float().mean() > 0.999  # of two faces that share an edge
     torch.testing.assert_close(ours.depth, theirs.depth, atol=1e-5, rtol=1e-4)
     torch.testing.assert_close(ours.coverage, theirs.coverage, atol=0.07, rtol=0)  # a sample on an edge

@@ -10,8 +10,14 @@ from livehand.backend.hand.gestures import FingerAxes
 from livehand.backend.hand.lbs import skin_motion
 from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.records.shot import HandPose
-from livehand.backend.surface.fine_mesh import FineTemplate, fine_mesh
-from livehand.backend.surface.fine_surface import HEIGHT_STEP_MM, LEVELS, VEIN_STEP, load_fine_surface, surface_arrays
+from livehand.backend.surface.detail_mesh import DetailTemplate, detail_mesh
+from livehand.backend.surface.detail_surface import (
+    HEIGHT_STEP_MM,
+    LEVELS,
+    VEIN_STEP,
+    load_detail_surface,
+    surface_arrays,
+)
 from livehand.backend.teacher.detailed_surface import detailed_surface
 from livehand.backend.teacher.loop import subdivide
 from livehand.tools.builtin_hand import TEMPLATE
@@ -21,12 +27,12 @@ from scipy.spatial.transform import Rotation
 
 @pytest.fixture(scope="module")
 def shipped(hand):
-    return load_fine_surface(hand.sha256)
+    return load_detail_surface(hand.sha256)
 
 
 def test_a_hand_of_others_has_none(hand):
-    assert load_fine_surface("0" * 64) is None
-    assert load_fine_surface(load_hand_model(TEMPLATE).sha256) is None
+    assert load_detail_surface("0" * 64) is None
+    assert load_detail_surface(load_hand_model(TEMPLATE).sha256) is None
 
 
 def test_the_file_that_ships_is_the_generator_s(hand, shipped):
@@ -91,7 +97,7 @@ AROUND_M = 0.010  # along a digit, to both sides of a joint
 @pytest.fixture(scope="module")
 def bent(hand, shipped):
     """The surface (vertices, faces) with one joint of the right hand flexed and this share of its forms, m."""
-    template = FineTemplate.of(shipped, hand)
+    template = DetailTemplate.of(shipped, hand)
 
     def of(joint, flexion_deg, share=1.0):
         theta = np.zeros((16, 3))
@@ -99,7 +105,7 @@ def bent(hand, shipped):
         pose = replace(HandPose.rest(), theta=theta)
         height = torch.as_tensor(share * 1e-3 * shipped.raised.height_mm(theta, 0.0), dtype=torch.float32)
         flat = torch.zeros(len(hand.v_template))
-        mesh = fine_mesh(template, skin_motion(template.skin, pose), height, flat, torch.ones(()))
+        mesh = detail_mesh(template, skin_motion(template.skin, pose), height, flat, torch.ones(()))
         return mesh.vertices.numpy().astype(float), mesh.faces.numpy()
 
     return of

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 from livehand.backend.surface.base_surface import HAIR_FILE, base_arrays
-from livehand.backend.surface.fine_mesh import FineTemplate
-from livehand.backend.surface.fine_surface import load_fine_surface
-from livehand.backend.surface.hair_growth import REGIONS, HairGrowth, HairySkin, grown_hairs
+from livehand.backend.surface.detail_mesh import DetailTemplate
+from livehand.backend.surface.detail_surface import load_detail_surface
+from livehand.backend.surface.hair_growth import REGIONS, HairGround, HairGrowth, grown_hairs
 from livehand.tools.builtin_hand.hair_shares import MIDDLE, PROXIMAL, WRIST, hair_shares
 
 
 @pytest.fixture(scope="module")
 def template(hand):
-    return FineTemplate.of(load_fine_surface(hand.sha256), hand)
+    return DetailTemplate.of(load_detail_surface(hand.sha256), hand)
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def growth():
 
 def hairs_on(template, growth):
     tensors = template.rest_vertices(), template.normals, template.faces
-    return grown_hairs(HairySkin(*(values.numpy() for values in tensors)), growth)
+    return grown_hairs(HairGround(*(values.numpy() for values in tensors)), growth)
 
 
 def test_the_file_that_ships_is_the_generator_s(hand, template, growth):
@@ -42,12 +42,12 @@ def test_regions_grow_as_dense_as_they_are_told(template, growth):
 def grown(template, growth):
     """Hairs, and of each: bone, root, normal, rise and bend, m."""
     hairs = hairs_on(template, growth)
-    places, normals = (values.numpy()[hairs.corners] for values in (template.rest_vertices(), template.normals))
+    hit_points, normals = (values.numpy()[hairs.corners] for values in (template.rest_vertices(), template.normals))
     normal = (normals * hairs.weights[..., None]).sum(1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    axes = np.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0], normal], 1)
+    axes = np.stack([hit_points[:, 1] - hit_points[:, 0], hit_points[:, 2] - hit_points[:, 0], normal], 1)
     rise, bend = ((way[..., None] * axes).sum(1) for way in (hairs.rise, hairs.bend))
-    root = (places * hairs.weights[..., None]).sum(1)
+    root = (hit_points * hairs.weights[..., None]).sum(1)
     bone = template.bones.of_face.numpy()
     of_corners = {tuple(face): bone[index] for index, face in enumerate(template.faces.numpy().tolist())}
     return hairs, np.array([of_corners[tuple(face)] for face in hairs.corners.tolist()]), root, normal, rise, bend

@@ -7,9 +7,10 @@ import pytest
 import torch
 from livehand.backend.field.rays import camera_tensors
 from livehand.backend.light.lighting import LightFeatures
-from livehand.backend.light.mirrored_sky import MirroredSky
+from livehand.backend.light.prefiltered_environment import PrefilteredEnvironment
 from livehand.backend.records.camera import Camera
-from livehand.backend.surface.fine_mesh import FineMesh
+from livehand.backend.surface.detail_mesh import DetailMesh
+from livehand.backend.surface.edge_antialiasing import SurfaceBones
 from livehand.backend.surface.hair_growth import Hairs
 from livehand.backend.surface.hairs import (
     ABOVE_SKIN_M,
@@ -18,13 +19,12 @@ from livehand.backend.surface.hairs import (
     REFLECTED,
     SEGMENTS,
     PosedHairs,
-    SeenHairs,
+    VisibleHairs,
     hair_albedo,
     hair_colours,
-    seen_hairs,
+    visible_hairs,
     with_hairs,
 )
-from livehand.backend.surface.part_edges import SurfaceBones
 
 SIZE, FOCAL_PX, DEPTH_M = (40, 32), 1000.0, 0.5
 EVERY_RAY = torch.arange(SIZE[0] * SIZE[1] // 4)
@@ -53,9 +53,9 @@ def features(count, towards=(0.0, 0, -1), strength=1.0, sky=0.0, reflected=0.0, 
         lamp_rgb=torch.tensor([[1.0, 2, 3]]),
         lamp_radius_rad=torch.zeros(1),
         sky_vectors=(sky * torch.tensor([0.0, 0, -1]))[:, None].expand(count, 3, 3),
-        sky_seen=torch.zeros(count, 2),
-        mirrored=MirroredSky.of(None, "cpu"),
-        near_gloss=torch.zeros(count, 2, 3),
+        lobe_visibility=torch.zeros(count, 2),
+        mirrored=PrefilteredEnvironment.of(None, "cpu"),
+        near_field_specular=torch.zeros(count, 2, 3),
         scattered=torch.zeros(count, 2, 3),
         arriving=torch.full((count, 3), arriving),
         reflected=torch.full((count, 3), reflected),
@@ -67,7 +67,7 @@ def test_hairs_follow_the_face_on_which_they_grow():
     vertices = torch.tensor([[0.0, 0, 0], [0, 2, 0], [0, 0, 2]])
     normals, faces = torch.tensor([[1.0, 0, 0]]).expand(3, 3), torch.tensor([[0, 1, 2]])
     bones = SurfaceBones(torch.zeros(1, dtype=torch.int8), torch.tensor([[False]]))
-    mesh = FineMesh(vertices, normals, faces, torch.zeros(1, 3, 2), torch.zeros(3), torch.tensor(2.0), bones, faces)
+    mesh = DetailMesh(vertices, normals, faces, torch.zeros(1, 3, 2), torch.zeros(3), torch.tensor(2.0), bones, faces)
     hairs = Hairs(
         faces.numpy(), np.full((1, 3), 1 / 3), np.array([[1.0, 0, 0.5]]), np.array([[0, 1, -0.5]]), np.ones(1)
     )
@@ -81,7 +81,7 @@ def test_hairs_follow_the_face_on_which_they_grow():
 
 @pytest.mark.parametrize("way", [(0.008, 0.003, 0.0), (0.0, 0.006, 0.0), (0.003, 0.0, -0.004)])
 def test_pixels_show_the_area_of_a_hair_that_thins_to_its_tip(way):
-    seen = seen_hairs(one_hair(way=way), camera(), NOWHERE, EVERY_RAY)
+    seen = visible_hairs(one_hair(way=way), camera(), NOWHERE, EVERY_RAY)
     length_px = np.hypot(*way[:2]) * FOCAL_PX / DEPTH_M
     assert float(seen.area.sum()) == pytest.approx(4e-5 * FOCAL_PX / DEPTH_M * length_px, rel=0.01)
     by_pixel = torch.zeros(SIZE[0] * SIZE[1]).index_add(0, seen.pixel.flatten(), seen.area.flatten())
@@ -89,14 +89,14 @@ def test_pixels_show_the_area_of_a_hair_that_thins_to_its_tip(way):
 
 
 def test_a_hair_covers_the_pixels_that_it_crosses_and_no_others():
-    seen = seen_hairs(one_hair(start=(-0.005, 0.00025, 0), way=(0.01, 0, 0)), camera(), NOWHERE, EVERY_RAY)
+    seen = visible_hairs(one_hair(start=(-0.005, 0.00025, 0), way=(0.01, 0, 0)), camera(), NOWHERE, EVERY_RAY)
     image = torch.zeros(SIZE[0] * SIZE[1]).index_add(0, seen.pixel.flatten(), seen.area.flatten()).reshape(SIZE[::-1])
     assert image[16, 10:30].min() > 0
     assert image[:16].max() + image[17:].max() < 1e-6
 
 
 def test_a_hair_beside_the_image_does_not_come_in_on_the_other_side():
-    leaving = seen_hairs(one_hair(start=(0.008, 0.0, 0.0), way=(0.008, 0, 0)), camera(), NOWHERE, EVERY_RAY)
+    leaving = visible_hairs(one_hair(start=(0.008, 0.0, 0.0), way=(0.008, 0, 0)), camera(), NOWHERE, EVERY_RAY)
     assert (leaving.pixel % SIZE[0]).min() > SIZE[0] // 2
     within = 0.4375 * 4e-5 * (FOCAL_PX / DEPTH_M) ** 2 * 0.008  # a quarter of its length, where it is thickest
     assert float(leaving.area.sum()) == pytest.approx(within, rel=0.03)
@@ -105,19 +105,19 @@ def test_a_hair_beside_the_image_does_not_come_in_on_the_other_side():
 @pytest.mark.parametrize(("before_m", "share"), [(0.0, 1.0), (-0.0001, 1.0), (-0.001, 0.0), (0.1, 1.0)])
 def test_skin_hides_what_is_behind_it(before_m, share):
     skin = torch.full((SIZE[1], SIZE[0]), DEPTH_M + before_m)
-    whole = seen_hairs(one_hair(), camera(), NOWHERE, EVERY_RAY).area.sum()
-    found = seen_hairs(one_hair(), camera(), skin, EVERY_RAY)
+    whole = visible_hairs(one_hair(), camera(), NOWHERE, EVERY_RAY).area.sum()
+    found = visible_hairs(one_hair(), camera(), skin, EVERY_RAY)
     assert float(found.area.sum() / whole) == pytest.approx(share, abs=1e-5)
     torch.testing.assert_close(found.depth, skin)
 
 
 def test_hairs_end_before_the_camera():
     beside_it = one_hair(start=(0.0, 0.0, -DEPTH_M + 0.01), way=(0.0001, 0, -0.02))
-    assert len(seen_hairs(beside_it, camera(), NOWHERE, EVERY_RAY).piece) == 0
+    assert len(visible_hairs(beside_it, camera(), NOWHERE, EVERY_RAY).piece) == 0
 
 
 def test_depth_beside_the_skin_is_that_of_hairs():
-    seen = seen_hairs(one_hair(), camera(), NOWHERE, EVERY_RAY)
+    seen = visible_hairs(one_hair(), camera(), NOWHERE, EVERY_RAY)
     on_hair = torch.zeros(SIZE[0] * SIZE[1], dtype=torch.bool).index_fill(
         0, seen.pixel[(seen.area > 0).all(1)].flatten(), True
     )
@@ -126,10 +126,10 @@ def test_depth_beside_the_skin_is_that_of_hairs():
 
 
 def test_hairs_whose_root_no_ray_meets_are_not_drawn():
-    assert len(seen_hairs(one_hair(), camera(), NOWHERE, EVERY_RAY[:40]).piece) == 0
+    assert len(visible_hairs(one_hair(), camera(), NOWHERE, EVERY_RAY[:40]).piece) == 0
     hair = one_hair()
     none = hair._replace(points=hair.points[:0], normal=hair.normal[:0], radius_m=hair.radius_m[:0])
-    assert len(seen_hairs(none, camera(), NOWHERE, EVERY_RAY).piece) == 0
+    assert len(visible_hairs(none, camera(), NOWHERE, EVERY_RAY).piece) == 0
 
 
 def around(count):
@@ -157,11 +157,11 @@ def test_a_hair_shines_where_it_mirrors_the_lamp_and_is_dark_from_behind():
     tangent = torch.tensor([[0.0, 0, 1]])
     towards = (0.8, 0.0, 0.6)
 
-    def seen_from(*eye):
+    def view_from(*eye):
         return float(hair_colours(features(1, towards), tangent, tangent, -torch.tensor([eye]), torch.zeros(3))[0, 0])
 
-    assert seen_from(0.8, 0.0, -0.6) > 20 * seen_from(0.8, 0.0, 0.6) > 0
-    assert seen_from(0.8, 0.0, -0.6) > 5 * seen_from(-0.78, 0.18, -0.6)
+    assert view_from(0.8, 0.0, -0.6) > 20 * view_from(0.8, 0.0, 0.6) > 0
+    assert view_from(0.8, 0.0, -0.6) > 5 * view_from(-0.78, 0.18, -0.6)
 
 
 def test_even_light_is_as_bright_as_hair_and_what_was_measured_scales_all():
@@ -180,7 +180,7 @@ def seen_as(area, size=(2, 2)):
     areas = torch.tensor([[area, 0, 0, 0], [area, 0, 0, 0]])
     across = torch.tensor([[1.0, 0, 0]]).expand(2, 3)
     up = torch.tensor([[0.0, 0, -1]]).expand(2, 3)
-    return SeenHairs(
+    return VisibleHairs(
         torch.arange(2),
         points,
         areas,

@@ -5,8 +5,8 @@ import pytest
 import torch
 from livehand.backend.field.rays import camera_tensors
 from livehand.backend.records.camera import Camera
-from livehand.backend.surface.fine_mesh import FineMesh
-from livehand.backend.surface.part_edges import SPREAD, PartEdges, SurfaceBones
+from livehand.backend.surface.detail_mesh import DetailMesh
+from livehand.backend.surface.edge_antialiasing import SPREAD, EdgePixels, SurfaceBones
 
 SIZE = (48, 40)
 NEAR_M, FAR_M = 1.0, 1.5
@@ -40,7 +40,7 @@ def mesh_of(*rectangles, bones=None):
     weights = torch.eye(len(CHAIN))[torch.tensor(bones or [0] * count).repeat_interleave(4)]
     of_faces = SurfaceBones.of(weights, faces, CHAIN)
     corner_uv, flex = torch.zeros(2 * count, 3, 2), torch.zeros(4 * count)
-    return FineMesh(vertices, up, faces, corner_uv, flex, torch.tensor(1.0), of_faces, faces)
+    return DetailMesh(vertices, up, faces, corner_uv, flex, torch.tensor(1.0), of_faces, faces)
 
 
 def before_a_wall(edge_px):
@@ -51,7 +51,7 @@ def before_a_wall(edge_px):
 
 @pytest.mark.parametrize("edge_px", [9.0, 9.25, 9.5, 9.8])
 def test_pixels_on_an_edge_show_both_parts_by_their_area(backend, edge_px):
-    edges = backend.seen_surface(before_a_wall(edge_px), camera()).edges
+    edges = backend.visible_surface(before_a_wall(edge_px), camera()).edges
     x, y = edges.pixel % SIZE[0], edges.pixel // SIZE[0]
     assert sorted(set(x.tolist())) == ([8, 9] if edge_px < 9.5 + 1e-6 else [9, 10])
     assert len(x) == 2 * SIZE[1]
@@ -66,14 +66,14 @@ def test_pixels_on_an_edge_show_both_parts_by_their_area(backend, edge_px):
 def test_one_part_has_no_steps_however_it_leans(backend):
     """15 mm a pixel of a surface that leans by 56 degrees; against nothing, it is alpha that tells."""
     leaning = rectangle(9.4, 30.0, 5.0, 33.0, [1.0, 1.3, 1.3, 1.0])
-    assert len(backend.seen_surface(mesh_of(leaning), camera()).edges.pixel) == 0
+    assert len(backend.visible_surface(mesh_of(leaning), camera()).edges.pixel) == 0
 
 
 @pytest.mark.parametrize("bones", [(2, 0), (0, 2), (3, 1), (1, 2), (2, 2)])
 def test_parts_that_touch_have_an_edge_unless_one_bone_goes_on_in_the_other(backend, bones):
     """Two halves of a plane, which depth does not tell apart; the lower bone's is the first part."""
     left, right = (rectangle(*sides, -10.0, 50.0, NEAR_M) for sides in ((-10.0, 9.3), (9.3, 60.0)))
-    edges = backend.seen_surface(mesh_of(left, right, bones=bones), camera()).edges
+    edges = backend.visible_surface(mesh_of(left, right, bones=bones), camera()).edges
     if bones in ((1, 2), (2, 2)):
         assert len(edges.pixel) == 0
         return
@@ -91,7 +91,7 @@ def test_an_edge_of_depth_goes_on_where_its_parts_touch(backend):
     """A wall that leans against a plate: along the edge their shares do not jump, whatever tells them apart."""
     wall = rectangle(-10.0, 9.3, -10.0, 50.0, [1.8, 1.8, 1.0, 1.0])
     mesh = mesh_of(wall, rectangle(9.3, 60.0, -10.0, 50.0, NEAR_M), bones=(0, 2))
-    edges = backend.seen_surface(mesh, camera()).edges
+    edges = backend.visible_surface(mesh, camera()).edges
     column = edges.pixel % SIZE[0] == 9
     share_of_plate = torch.where(edges.shows_first[4], edges.share, 1 - edges.share)[column]
     assert len(share_of_plate) == SIZE[1]
@@ -107,10 +107,10 @@ def places_around(pixel, size_px):
     return y * width + x
 
 
-def test_both_backends_find_the_same_edges(backend_pair, fine_hand, seen_from):
+def test_both_backends_find_the_same_edges(backend_pair, fine_hand, view_from):
     mesh = fine_hand("fist", "right")
-    view = seen_from(mesh, (0.2, -1, 0.4), size_px=(120, 110))
-    seen = [each.seen_surface(mesh, view) for each in backend_pair]
+    view = view_from(mesh, (0.2, -1, 0.4), size_px=(120, 110))
+    seen = [each.visible_surface(mesh, view) for each in backend_pair]
     ours, theirs = (each.edges for each in seen)
     assert torch.equal(ours.pixel, theirs.pixel)
     assert len(ours.pixel) > 100
@@ -131,10 +131,10 @@ def plain_image(edge_column):
     return torch.stack([is_near.float(), 1 - is_near.float(), torch.zeros(is_near.shape)]), depth
 
 
-def edges_at(places, share):
+def edges_at(hit_points, share):
     """Pixels (x, y) of the plain image with an edge at column 10, and the near part's share in them."""
-    x, y = torch.tensor(places).T
-    return PartEdges(y * SIZE[0] + x, torch.arange(-1, 2).repeat(3)[:, None] + x >= 10, torch.tensor(share))
+    x, y = torch.tensor(hit_points).T
+    return EdgePixels(y * SIZE[0] + x, torch.arange(-1, 2).repeat(3)[:, None] + x >= 10, torch.tensor(share))
 
 
 def test_the_image_blends_both_parts_and_leaves_the_rest(backend):
@@ -170,7 +170,7 @@ def test_both_backends_blend_any_image_alike(backend_pair):
     pixel = torch.randperm(alpha.numel(), generator=generator)[:300].sort().values
     pixel = torch.cat([torch.tensor([0, SIZE[0] - 1, alpha.numel() - 1]), pixel]).unique()
     shows_first = torch.rand(9, len(pixel), generator=generator) < torch.rand(len(pixel), generator=generator)
-    edges = PartEdges(pixel, shows_first, torch.rand(len(pixel), generator=generator))
+    edges = EdgePixels(pixel, shows_first, torch.rand(len(pixel), generator=generator))
     ours, theirs = (backend.blended(colours, alpha, depth, edges) for backend in backend_pair)
     torch.testing.assert_close(ours, theirs, atol=1e-6, rtol=1e-5)
     changed = (theirs != colours).any(0).flatten()

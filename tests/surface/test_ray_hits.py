@@ -5,8 +5,8 @@ import torch
 import trimesh
 from livehand.backend.field.rays import camera_tensors, ray_directions, ray_origin
 from livehand.backend.records.camera import Camera
-from livehand.backend.surface.fine_mesh import FineMesh
-from livehand.backend.surface.part_edges import SurfaceBones
+from livehand.backend.surface.detail_mesh import DetailMesh
+from livehand.backend.surface.edge_antialiasing import SurfaceBones
 from livehand.backend.surface.ray_hits import RayHits
 from torch.nn.functional import normalize
 
@@ -25,7 +25,7 @@ def camera():
 def mesh_of(vertices, normals, faces):
     bones = SurfaceBones(torch.zeros(len(faces), dtype=torch.int8), torch.tensor([[False]]))
     corner_uv, flex = torch.zeros(len(faces), 3, 2), torch.zeros(len(vertices))
-    return FineMesh(vertices, normals, faces, corner_uv, flex, torch.tensor(1.0), bones, faces)
+    return DetailMesh(vertices, normals, faces, corner_uv, flex, torch.tensor(1.0), bones, faces)
 
 
 def ball(radius_m):
@@ -71,9 +71,9 @@ def test_normals_are_those_of_pixels_centres(backend):
     torch.testing.assert_close(hits.depth, torch.ones(len(PIXEL)), atol=1e-6, rtol=0)
 
 
-def test_both_backends_find_the_same_on_a_hand(backend_pair, fine_hand, seen_from):
+def test_both_backends_find_the_same_on_a_hand(backend_pair, fine_hand, view_from):
     mesh = fine_hand("fist", "right")
-    view, pixel = seen_from(mesh, (0.2, -1, 0.4), size_px=(60, 55)), torch.arange(60 * 55)
+    view, pixel = view_from(mesh, (0.2, -1, 0.4), size_px=(60, 55)), torch.arange(60 * 55)
     ours, theirs = (each.ray_hits(mesh, view, pixel) for each in backend_pair)
     assert ours.depth.isfinite().sum() > 500
     torch.testing.assert_close(ours.depth, theirs.depth, atol=1e-5, rtol=0)

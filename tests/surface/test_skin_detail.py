@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.field.rays import camera_tensors, ray_origin, view_directions
-from livehand.backend.image.relighting import LitImage
-from livehand.backend.light.gloss import ROUGHNESS
+from livehand.backend.image.shading import ShadingInputs
+from livehand.backend.light.brdf import ROUGHNESS
 from livehand.backend.light.lighting import COEFFICIENTS, DIFFUSE, GLOSS, SCATTERED
 from livehand.backend.records.camera import Camera
 from livehand.backend.surface.detail_maps import BUMP, DORSAL_MM, PALMAR_MM, PIGMENT_COLOUR, DetailMaps, SkinLook
-from livehand.backend.surface.detail_maps_file import ATLAS_MM, SkinBend, SkinDetail, SkinMaps
-from livehand.backend.surface.fine_mesh import FineMesh, seen_surface
-from livehand.backend.surface.part_edges import SurfaceBones
-from livehand.backend.surface.skin_detail import FOLD_LOG_ALBEDO, SHARPER, PixelSkin, pixel_skin, with_skin
+from livehand.backend.surface.detail_maps_file import ATLAS_MM, SkinFlexion, SkinMaps, SurfaceDetail
+from livehand.backend.surface.detail_mesh import DetailMesh, visible_surface
+from livehand.backend.surface.edge_antialiasing import SurfaceBones
+from livehand.backend.surface.shading_detail import FOLD_LOG_ALBEDO, SHARPER, DetailPixels, detail_pixels, with_detail
 from torch.nn.functional import normalize
 
 N, SIDE_M, SIZE = 64, 0.27, (24, 20)
 TEXEL_MM = ATLAS_MM / N
 ZERO = np.zeros((N, N), np.float32)
 FLAT = {"relief_mm": ZERO, "dorsal": ZERO, "palmar": ZERO, "pigment_light": ZERO, "pigment_deep": ZERO}
-BEND = SkinBend(np.zeros(4, int), np.zeros((16, 3)))
+BEND = SkinFlexion(np.zeros(4, int), np.zeros((16, 3)))
 ALONG_U = np.tile((np.arange(N) + 0.5) * TEXEL_MM, (N, 1)).astype(np.float32)  # mm
 
 
@@ -31,7 +31,7 @@ ROUGH, RESOLVED = np.full_like(NO_NAIL, 0.5), np.zeros((2, N // 4, N // 4), np.f
 
 
 def skin(nail=NO_NAIL, **maps):
-    return SkinDetail(SkinMaps(**{**FLAT, **maps}), coarse_maps(), nail, ROUGH, RESOLVED, BEND)
+    return SurfaceDetail(SkinMaps(**{**FLAT, **maps}), coarse_maps(), nail, ROUGH, RESOLVED, BEND)
 
 
 def coarse_maps(**maps):
@@ -46,7 +46,7 @@ def patch(depth_m=0.5, focal_px=400.0, scale=1.0, flex=0.0):
     faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
     normals = torch.tensor([0.0, 0, 1]).expand(4, 3)
     bones = SurfaceBones(torch.zeros(len(faces), dtype=torch.int8), torch.tensor([[False]]))
-    mesh = FineMesh(
+    mesh = DetailMesh(
         vertices, normals, faces, corners[faces][..., :2], torch.full((4,), flex), torch.tensor(scale), bones, faces
     )
     cam2world = np.diag([1.0, -1, -1, 1])
@@ -60,12 +60,12 @@ def image_of(camera):
     normal, view = torch.tensor([0.0, 0, 1]).expand(len(pixel), 3), view_directions(camera, pixel)
     ones, alpha = torch.ones(len(pixel), COEFFICIENTS), torch.ones(camera.size_px[1], camera.size_px[0])
     share = torch.full((len(pixel), 4), 0.25)
-    return LitImage(pixel, ones, normal, view, share, alpha, alpha)
+    return ShadingInputs(pixel, ones, normal, view, share, alpha, alpha)
 
 
 def detailed(backend, detail, flex=0.0, melanin=0.0, folds=1.0, of=None):
     mesh, camera = of or patch(flex=flex)
-    maps, seen = DetailMaps.of(detail, SkinLook(melanin, folds, 0.25)), backend.seen_surface(mesh, camera)
+    maps, seen = DetailMaps.of(detail, SkinLook(melanin, folds, 0.25)), backend.visible_surface(mesh, camera)
     return backend.detailed_image(image_of(camera), seen, mesh, camera, maps)
 
 
@@ -107,7 +107,7 @@ def test_coarse_relief_shows_from_near_and_from_afar(backend, texels_a_pixel):
     """A ramp of the coarse maps, a quarter as wide: the mesh knows nothing of it, however near."""
     coarse = coarse_maps(relief_mm=0.02 * ALONG_U[::4, ::4])
     of = patch(focal_px=0.5 / (texels_a_pixel * TEXEL_MM / 1000))
-    found = detailed(backend, SkinDetail(SkinMaps(**FLAT), coarse, NO_NAIL, ROUGH, RESOLVED, BEND), of=of)
+    found = detailed(backend, SurfaceDetail(SkinMaps(**FLAT), coarse, NO_NAIL, ROUGH, RESOLVED, BEND), of=of)
     middle = len(found.normal) // 2 + SIZE[0] // 2
     torch.testing.assert_close(found.normal[middle], tilt(0.02), atol=4e-4, rtol=0)
 
@@ -142,7 +142,7 @@ def test_gradients_pass_to_colours_and_gloss_is_known():
     _, camera = patch()
     image = image_of(camera)
     coefficients = image.coefficients.clone().requires_grad_()
-    known = PixelSkin(
+    known = DetailPixels(
         coverage=torch.ones(len(image.pixel)),
         depth=torch.ones(len(image.pixel)),
         row=torch.tensor([3, 7]),
@@ -154,7 +154,7 @@ def test_gradients_pass_to_colours_and_gloss_is_known():
         alpha_squared=torch.tensor([0.05, 0.07]),
         sharpness=torch.tensor([0.0, 0.5, 1]),
     )
-    found = with_skin(image._replace(coefficients=coefficients), known)
+    found = with_detail(image._replace(coefficients=coefficients), known)
     (found.coefficients[:, DIFFUSE].sum() + (found.coefficients[:, GLOSS] * torch.tensor([2.0, 5])).sum()).backward()
     torch.testing.assert_close(found.coefficients[[3, 7, 8], GLOSS], torch.tensor([[1.0, 0], [0.25, 0.75], [0, 1]]))
     torch.testing.assert_close(coefficients.grad[7, DIFFUSE], torch.tensor([0.5, 0.6, 0.7]))
@@ -232,7 +232,7 @@ def test_faces_seen_from_the_side_are_filtered_in_the_direction_in_which_they_ar
     """Waves of four texels, a texel a pixel, on a face turned by 75 degrees: those across the tilt stay."""
     of, normal = turned_patch(1.3)
     found = detailed(backend, skin(relief_mm=WAVES if along == 0 else WAVES.T.copy()), of=of)
-    on_it = backend.seen_surface(*of).face >= 0
+    on_it = backend.visible_surface(*of).face >= 0
     bend = (found.normal - found.skin.surface_normal)[on_it].norm(dim=1).mean()
     assert on_it.sum() > 100
     torch.testing.assert_close(found.skin.surface_normal[on_it], normal.expand(int(on_it.sum()), 3), atol=1e-5, rtol=0)
@@ -282,7 +282,7 @@ def test_the_surface_tells_the_outline(backend):
     before = image_of(camera)
     field = torch.linspace(0.2, 0.9, SIZE[0]).expand(SIZE[1], SIZE[0])
     before = before._replace(alpha=field, coefficients=before.coefficients * field.reshape(-1, 1))
-    maps, seen = DetailMaps.of(skin(), SkinLook(0.0, 1.0, 0.0)), backend.seen_surface(mesh, camera)
+    maps, seen = DetailMaps.of(skin(), SkinLook(0.0, 1.0, 0.0)), backend.visible_surface(mesh, camera)
     after = backend.detailed_image(before, seen, mesh, camera, maps)
     torch.testing.assert_close(after.alpha.flatten(), seen.coverage)
     torch.testing.assert_close(after.depth.flatten(), seen.depth)
@@ -299,7 +299,7 @@ def test_normals_are_interpolated_between_vertices(backend):
     """Those of a sphere's cap on a flat square: at every pixel along the place itself."""
     mesh, camera = patch(focal_px=40.2)
     mesh = mesh._replace(normals=normalize(mesh.vertices + torch.tensor([0.0, 0, 0.2]), dim=-1))
-    maps, seen = DetailMaps.of(skin(), SkinLook(0.0, 1.0, 0.0)), backend.seen_surface(mesh, camera)
+    maps, seen = DetailMaps.of(skin(), SkinLook(0.0, 1.0, 0.0)), backend.visible_surface(mesh, camera)
     found = backend.detailed_image(image_of(camera), seen, mesh, camera, maps)
     on_it = seen.face >= 0
     view = view_directions(camera, found.pixel)[on_it]
@@ -331,17 +331,17 @@ def off_by_rounding(mesh, camera, face, view):
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_both_backends_agree_on_a_posed_hand(backend_pair, fine_hand, seen_from, side):
+def test_both_backends_agree_on_a_posed_hand(backend_pair, fine_hand, view_from, side):
     mesh = fine_hand("fist", side)
-    camera = seen_from(mesh, (0.2, -1, 0.4), size_px=(120, 110))
+    camera = view_from(mesh, (0.2, -1, 0.4), size_px=(120, 110))
     generator = np.random.default_rng(3)
     fine, coarse = (
         SkinMaps(**{name: generator.normal(0, 0.05, (size, size)).astype(np.float32) for name in FLAT})
         for size in (N, N // 4)
     )
-    both = SkinDetail(fine, coarse, generator.random((N // 4, N // 4), np.float32), ROUGH, RESOLVED, BEND)
+    both = SurfaceDetail(fine, coarse, generator.random((N // 4, N // 4), np.float32), ROUGH, RESOLVED, BEND)
     of_person, image = DetailMaps.of(both, SkinLook(0.3, 1.2, 0.4)), image_of(camera)
-    seen = seen_surface(mesh, camera)
+    seen = visible_surface(mesh, camera)
     ours, theirs = (b.detailed_image(image, seen, mesh, camera, of_person) for b in backend_pair)
     assert (theirs.normal != image.normal).any(1).sum() > 1000
     torch.testing.assert_close(ours.normal, theirs.normal, atol=2e-3, rtol=0)
@@ -354,5 +354,5 @@ def test_both_backends_agree_on_a_posed_hand(backend_pair, fine_hand, seen_from,
     torch.testing.assert_close(ours.coefficients, theirs.coefficients, atol=2e-3, rtol=0)
     torch.testing.assert_close(ours.alpha, theirs.alpha)
     assert theirs.skin.nail.max() > 0.5
-    covered = pixel_skin(image.pixel, image.view, seen, mesh, camera, of_person).coverage
+    covered = detail_pixels(image.pixel, image.view, seen, mesh, camera, of_person).coverage
     torch.testing.assert_close(theirs.alpha.flatten(), covered)

@@ -8,9 +8,9 @@ import time
 
 import pytest
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.system import atomic_file
-from livehand.backend.system.atomic_file import rename_over, replacing
-from livehand.backend.system.process_identity import process_name
+from livehand.backend.system import files as atomic_file
+from livehand.backend.system.files import rename_over, replacing
+from livehand.backend.system.processes import process_name
 
 
 def names(folder):
@@ -79,7 +79,7 @@ def test_temporary_names_differ_and_an_existing_file_or_link_is_never_taken(tmp_
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from livehand.backend.system.atomic_file import replacing
+from livehand.backend.system.files import replacing
 with replacing(Path(sys.argv[1])) as temporary:
     temporary.write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)

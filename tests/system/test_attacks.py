@@ -15,12 +15,9 @@ from livehand.backend.motion.files.open_files import open_motion_file
 from livehand.backend.motion.motion import MOST_FRAMES, HandMotion
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.system import pickle_scan
-from livehand.backend.system.inner_path import inner_path
-from livehand.backend.system.json_file import nesting, parse_json, read_json
-from livehand.backend.system.npz_file import read_npz
+from livehand.backend.system.files import inner_path, read_regular
 from livehand.backend.system.pickle_scan import scan_pickle
-from livehand.backend.system.picture_file import opened_picture
-from livehand.backend.system.regular_file import read_regular
+from livehand.backend.system.readers import nesting, opened_picture, parse_json, read_json, read_npz
 from PIL import Image
 
 NESTED_TUPLES = b"\x80\x02)" + b"\x85" * 20_000 + b"."

@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from livehand.backend.system.data_folder import data_folder
+from livehand.backend.system.files import data_folder
 
 HOME = Path("/home/anna")
 

@@ -28,9 +28,9 @@ def error_of(ask):
         (lambda: bytearray(EXABYTES), "more memory must be free than there is"),
     ],
 )
-def test_the_gigabytes_are_told(ask, told):
+def test_the_gigabytes_are_told(ask, reported):
     message = memory_message(error_of(ask))
-    assert message.startswith(told)
+    assert message.startswith(reported)
     assert message.endswith("make the image smaller or render fewer at once, or close other programs")
 
 

@@ -5,8 +5,8 @@ import subprocess
 import sys
 
 import pytest
-from livehand.backend.system import process_identity
-from livehand.backend.system.process_identity import is_running, process_space
+from livehand.backend.system import processes as process_identity
+from livehand.backend.system.processes import is_running, process_space
 
 
 def test_this_process_runs_and_one_that_ended_does_not():
@@ -40,7 +40,7 @@ def test_the_space_is_the_same_in_a_child(platform, monkeypatch):
     assert process_space() == process_space()
     code = (
         f"import sys; sys.platform = {platform!r}\n"
-        "from livehand.backend.system.process_identity import process_space; print(process_space())"
+        "from livehand.backend.system.processes import process_space; print(process_space())"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert child.stdout.strip() == process_space()

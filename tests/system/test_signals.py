@@ -7,8 +7,8 @@ import sys
 import threading
 
 import pytest
-from livehand.backend.system import signals
-from livehand.backend.system.signals import on_stop_signals, stop_signals, stopping_as_at_ctrl_c
+from livehand.backend.system import processes as signals
+from livehand.backend.system.processes import on_stop_signals, stop_signals, stopping_as_at_ctrl_c
 
 posix = pytest.mark.skipif(os.name == "nt", reason="sends the signals of Linux and macOS")
 
@@ -72,7 +72,7 @@ def test_a_system_without_sighup_has_its_own_signals(monkeypatch):
 def test_a_thread_asks_its_process_to_stop(system):
     program = f"""
 import os, threading, time
-from livehand.backend.system.signals import ask_this_process_to_stop, stopping_as_at_ctrl_c
+from livehand.backend.system.processes import ask_this_process_to_stop, stopping_as_at_ctrl_c
 os.name = {system!r}
 try:
     with stopping_as_at_ctrl_c():

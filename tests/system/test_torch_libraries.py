@@ -7,7 +7,7 @@ import pytest
 
 CODE = """
 import sys, threading, time
-from livehand.backend.system.torch_libraries import load_torch_libraries
+from livehand.backend.system.packages import load_torch_libraries
 def work():
     load_torch_libraries()
     import torch

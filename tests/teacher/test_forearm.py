@@ -146,9 +146,9 @@ def test_the_mirrored_pose_is_the_other_hand(armed):
 
 
 def test_the_atlas_gives_the_arm_half_the_hands_scale(armed, beyond_mm):
-    corners, places = armed.v_template[armed.f], armed.vt[armed.ft]
+    corners, points = armed.v_template[armed.f], armed.vt[armed.ft]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    sides = places[:, 1:] - places[:, :1]
+    sides = points[:, 1:] - points[:, :1]
     in_atlas = np.abs(np.linalg.det(sides))
     on_hand, on_arm = (beyond_mm[armed.f] < 0).all(1), (beyond_mm[armed.f] > 75).all(1)
     scale = [np.sqrt(in_atlas[part].sum() / area[part].sum()) for part in (on_hand, on_arm)]

@@ -114,8 +114,8 @@ def test_a_file_that_breaks_off_ends(watched, waved):
                 packet.stream = stream
                 container.mux(packet)
     with av.open(str(cut)) as container:
-        places = [packet.pos for packet in container.demux(video=0) if packet.dts is not None]
-    cut.write_bytes(cut.read_bytes()[: places[20] + 10])  # half of the bytes may be less than the first frame
+        points = [packet.pos for packet in container.demux(video=0) if packet.dts is not None]
+    cut.write_bytes(cut.read_bytes()[: points[20] + 10])  # half of the bytes may be less than the first frame
     tracker = watched(cut)
     found = frames_of(tracker)
     assert found

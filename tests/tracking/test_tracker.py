@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.tracking.crop import HandRegion, cropped, region_of_landmarks, upward_angle
-from livehand.backend.tracking.palm import merged
-from livehand.backend.tracking.tracker import HandTracker
+from livehand.backend.tracking.tracker import HandTracker, merged
 
 NAMES = ("palm", "back", "left")
 

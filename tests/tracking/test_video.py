@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.tracking.takes import track_frames
-from livehand.backend.tracking.tone_mapping import HLG, PQ, tone_mapped
 from livehand.backend.tracking.tracker import HandTracker
-from livehand.backend.tracking.video import open_video
+from livehand.backend.tracking.video import HLG, PQ, open_video, tone_mapped
 
 pytest.importorskip("av", reason="PyAV (the extra video) is not installed")
 

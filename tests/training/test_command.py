@@ -35,15 +35,15 @@ def test_the_command_trains(painted_capture, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("version", "is_told"), [(None, False), (skin_version(), False), ("0" * 12, True)])
-def test_a_capture_of_an_earlier_skin_is_told(painted_capture, tmp_path, capsys, version, is_told):
-    told = {} if version is None else {SKIN_VERSION: version}
-    capture = replace(painted_capture, provenance={**painted_capture.provenance, **told})
+def test_a_capture_of_an_earlier_skin_is_told(painted_capture, tmp_path, capsys, version, is_determined):
+    reported = {} if version is None else {SKIN_VERSION: version}
+    capture = replace(painted_capture, provenance={**painted_capture.provenance, **reported})
     folder = tmp_path / "capture"
     shutil.copytree(painted_capture.folder, folder)
     (folder / "transforms.json").write_text(index_document(capture))
     arguments = ["train", str(folder), "-o", str(tmp_path / "a.safetensors"), "--steps", "1", "--perceptual", "0"]
     assert run_commands("livehand", "", COMMANDS, [*arguments, "--device", "cpu", "--preview-minutes", "0"]) == 0
-    assert ("built-in skin of another version" in capsys.readouterr().err) == is_told
+    assert ("built-in skin of another version" in capsys.readouterr().err) == is_determined
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,10 @@ from livehand.backend.capture.capture import Capture, SurfaceReference, save_cap
 from livehand.backend.capture.exr import write_exr
 from livehand.backend.capture.lights import CaptureLight
 from livehand.backend.capture.person import Person
-from livehand.backend.evaluation.summary import summary
+from livehand.backend.evaluation.report import summary
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.light.light_samples import LightSamples
 from livehand.backend.light.lighting import COEFFICIENTS
+from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS
 from livehand.backend.records.errors import LiveHandError
@@ -163,7 +163,7 @@ def test_clear_rays_beside_a_known_skin_lend_no_light(known_skin_views, lit_conf
         some = torch.arange(len(alpha))[:, None] % 3 > 0
         return points._replace(position=points.position + some * 100 * edge_m * points.view)
 
-    monkeypatch.setattr(gbuffer, "without_strays", without_most)
+    monkeypatch.setattr(gbuffer, "drop_outliers", without_most)
     other = render_view(avatar, known_skin_views, view).image.detach()
     assert (other[:3] - plain[:3]).abs().amax(0).gt(1e-3).sum() > 100
     assert torch.equal(other[3], plain[3])
@@ -189,7 +189,7 @@ def test_windows_of_a_sky_cast_soft_shadows_in_training_too(lit_capture, hand, s
     )
     capture = replace(lit_capture, lights=window)
     view = LitTrainingViews(capture, capture.of_split("train"), hand, small.sampler, cpu, 0).get(0, 0)
-    kept = LightSamples.of(replace(window[0].light, penumbra="fine"), Bounds.of(view.mesh)).sky
+    kept = LightSamples.of(replace(window[0].light, shadow_quality="fine"), Bounds.of(view.mesh)).sky
     assert len(kept.towards) > SKY_DIRECTIONS
     groups, visibility = view.light.groups, view.light.visibility
     for sky in groups.skies:

@@ -10,10 +10,10 @@ import torch.distributed as dist
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.system.command import run_commands
-from livehand.backend.training.clock import Clock
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import Training, train
 from livehand.backend.training.processes import ComputeSetup, Processes, process_device
+from livehand.backend.training.schedule import Clock
 from livehand.livehand_blender.cli import COMMANDS
 
 CPU = torch.device("cpu")

@@ -13,13 +13,12 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.surface.base_surface import surface_of_person
 from livehand.backend.surface.surface_file import surface_sha256, write_surface
-from livehand.backend.training.clock import Clock, Interval
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
 from livehand.backend.training.metric_writers import JsonLinesLog, TensorBoardLog
 from livehand.backend.training.preview import HeldOutPreview, _spread_order
 from livehand.backend.training.report import TrainingReport, preview_path
-from livehand.backend.training.schedule import Schedule
+from livehand.backend.training.schedule import Clock, Interval, Schedule
 from livehand.backend.training.step import StepResult
 from livehand.tests.builders import scores_of
 from PIL import Image
@@ -128,8 +127,8 @@ def test_the_first_views_of_a_preview_are_spread_evenly(count):
     order = _spread_order(count)
     assert sorted(order) == list(range(count))
     if count >= 40:
-        places = sorted(order[:8])
-        assert max(np.diff([-1, *places, count])) <= count // 3
+        hit_points = sorted(order[:8])
+        assert max(np.diff([-1, *hit_points, count])) <= count // 3
 
 
 def test_a_session_without_output_is_silent(painted_capture, hand, avatar, capsys, tmp_path, monkeypatch):

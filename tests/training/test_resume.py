@@ -18,11 +18,11 @@ from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.training import checkpoint, loop
 from livehand.backend.training.checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
-from livehand.backend.training.clock import Clock
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import Training, train
 from livehand.backend.training.parts import Correction
 from livehand.backend.training.processes import ComputeSetup
+from livehand.backend.training.schedule import Clock
 from safetensors import safe_open
 from safetensors.torch import save_file
 

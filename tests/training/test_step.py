@@ -7,11 +7,10 @@ import pytest
 import torch
 from livehand.backend.avatars.avatar import new_avatar
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.training.clock import Clock
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
 from livehand.backend.training.parts import Correction, Rendered, TrainedParts, optimiser_of
-from livehand.backend.training.schedule import Schedule, views_of_step
+from livehand.backend.training.schedule import Clock, Schedule, views_of_step
 from livehand.backend.training.step import SkippedSteps, Stepper
 from livehand.backend.training.views import TrainingViews
 

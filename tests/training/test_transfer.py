@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.field.relightable import LitField
+from livehand.backend.field.relightable import RelightableField
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.training import transfer
-from livehand.backend.training.transfer import transfer_planes
+from livehand.backend.training import setup as transfer
+from livehand.backend.training.setup import transfer_planes
 
 CONFIG = FieldConfig(planes=((48, 3, 2), (64, 1, 4)), relief=32, light="linear")
 
@@ -22,7 +22,7 @@ def few_samples(monkeypatch):
 @pytest.fixture
 def theirs():
     """A field whose planes are smooth functions of the atlas."""
-    field = LitField(CONFIG)
+    field = RelightableField(CONFIG)
     with torch.no_grad():
         for plane in (*field.feature_planes, field.relief):
             centre = (torch.arange(plane.resolution) + 0.5) / plane.resolution
@@ -49,7 +49,7 @@ def at_places(field, hand, plane_index):
 
 @pytest.mark.parametrize("plane_index", [0, 1, 2])
 def test_the_same_place_has_the_same_features_in_another_atlas(hand, theirs, plane_index):
-    ours, other = LitField(CONFIG), turned(hand)
+    ours, other = RelightableField(CONFIG), turned(hand)
     transfer_planes(ours, other, theirs, hand)
     expected, got = at_places(theirs, hand, plane_index), at_places(ours, other, plane_index)
     spread = float(expected.std())
@@ -59,7 +59,7 @@ def test_the_same_place_has_the_same_features_in_another_atlas(hand, theirs, pla
 
 
 def test_no_texel_is_left_as_it_was(hand, theirs):
-    ours = LitField(CONFIG)
+    ours = RelightableField(CONFIG)
     with torch.no_grad():
         ours.planes[0].table.fill_(777.0)
     transfer_planes(ours, turned(hand), theirs, hand)
@@ -69,10 +69,10 @@ def test_no_texel_is_left_as_it_was(hand, theirs):
 def test_a_hand_elsewhere_is_refused(hand, theirs):
     away = replace(hand, v_template=hand.v_template + 0.05)
     with pytest.raises(LiveHandError, match=r"must lie over .* mm away"):
-        transfer_planes(LitField(CONFIG), away, theirs, hand)
+        transfer_planes(RelightableField(CONFIG), away, theirs, hand)
 
 
 def test_other_planes_are_refused(hand, theirs):
-    ours = LitField(replace(CONFIG, planes=((48, 2, 2), (64, 1, 4))))
+    ours = RelightableField(replace(CONFIG, planes=((48, 2, 2), (64, 1, 4))))
     with pytest.raises(LiveHandError, match="equal configurations"):
         transfer_planes(ours, turned(hand), theirs, hand)

@@ -30,7 +30,7 @@ from ...backend.surface.detail_maps_file import (
     SLOPE_STEP,
     WIDEST_MM,
 )
-from ...backend.system.npz_file import npz_bytes
+from ...backend.system.readers import npz_bytes
 from ...backend.teacher.dependencies import needs
 from ...backend.teacher.detailed_surface import DetailedSurface, detailed_surface
 from ...livehand_blender.capture.bake import bake_mask, bake_skin

@@ -37,8 +37,8 @@ def _band_volume(rays: dict[str, Ray], spacing: float) -> np.ndarray:
     grid = np.stack(np.meshgrid(*coarse_axes, indexing="ij"), -1)
     coarse = signed_distance(rays, grid.reshape(-1, 3), with_details=False).reshape(grid.shape[:3])
     axes = [np.arange(low[i], high[i], spacing) for i in range(3)]
-    places = np.meshgrid(*[(axis - low[i]) / _COARSE for i, axis in enumerate(axes)], indexing="ij")
-    volume = map_coordinates(coarse, places, order=1).astype(np.float32)
+    positions = np.meshgrid(*[(axis - low[i]) / _COARSE for i, axis in enumerate(axes)], indexing="ij")
+    volume = map_coordinates(coarse, positions, order=1).astype(np.float32)
     band = np.abs(volume) < _BAND
     index = np.argwhere(band)
     points = np.stack([axes[i][index[:, i]] for i in range(3)], 1)

@@ -1,4 +1,4 @@
-"""Makes the file of the built-in hand's fine surface (`surface/fine_surface.py`) from the detailed surface.
+"""Makes the file of the built-in hand's detail surface (`surface/detail_surface.py`) from the detailed surface.
 
 python -m livehand.tools.builtin_hand.fine_offsets FOLDER
 """
@@ -12,9 +12,8 @@ from pathlib import Path
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.surface.base_surface import SURFACE_FILE, file_arrays
-from ...backend.surface.fine_surface import LEVELS, FineSurface, surface_arrays
-from ...backend.surface.raised_skin import RaisedSkin
-from ...backend.system.npz_file import npz_bytes
+from ...backend.surface.detail_surface import LEVELS, DetailSurface, PoseDisplacement, surface_arrays
+from ...backend.system.readers import npz_bytes
 from ...backend.teacher.detailed_surface import DetailedSurface, detailed_surface
 from ...backend.teacher.loop import neighbour_mean, subdivide
 
@@ -23,16 +22,16 @@ OUT_OF_CHORDS = 1 / 6
 inside as much as outside of it (on a sphere, edges' middles are 1/4 of that height below it, their ends on it)."""
 
 
-def fine_surface(model: HandModel, detail: DetailedSurface) -> FineSurface:
+def fine_surface(model: HandModel, detail: DetailedSurface) -> DetailSurface:
     """Sample every vertex of the detailed surface that a subdivision of fewer levels has, too."""
     coarse = subdivide(model.f, model.vt[model.ft], len(model.v_template), LEVELS)
     count = int(coarse.faces.max()) + 1
     vertices = detail.vertices_m[:count]  # every level's vertices begin with those of the level before
     raised = vertices + OUT_OF_CHORDS * (vertices - neighbour_mean(coarse.faces, count) @ vertices)
     forms = tuple(replace(form, height_mm=form.height_mm[:count]) for form in detail.forms)
-    return FineSurface(
+    return DetailSurface(
         offset_m=raised - coarse.matrix @ model.v_template,
-        raised=RaisedSkin(forms, detail.masks["vein"][:count], detail.flex_axis),
+        raised=PoseDisplacement(forms, detail.masks["vein"][:count], detail.flex_axis),
     )
 
 

@@ -17,10 +17,10 @@ import numpy as np
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.surface.base_surface import HAIR_FILE
-from ...backend.surface.fine_mesh import FineTemplate
-from ...backend.surface.fine_surface import load_fine_surface
+from ...backend.surface.detail_mesh import DetailTemplate
+from ...backend.surface.detail_surface import load_detail_surface
 from ...backend.surface.hair_growth import REGIONS
-from ...backend.system.npz_file import npz_bytes
+from ...backend.system.readers import npz_bytes
 
 WRIST, PROXIMAL, MIDDLE = 0, (1, 4, 7, 10), (2, 5, 8, 11)
 """Bones that bear hairs, MANO's numbers; the first moves the palm and the forearm."""
@@ -30,7 +30,7 @@ _DORSAL = (0, 1.0, 0)  # template frame, right hand
 
 
 class _Skin(NamedTuple):
-    """The fine surface of the right hand at rest.
+    """The detail surface of the right hand at rest.
 
     Attributes:
         vertices, normals: [V, 3] template metres.
@@ -46,7 +46,7 @@ class _Skin(NamedTuple):
     joints: np.ndarray
 
 
-def hair_shares(template: FineTemplate, hand: HandModel) -> np.ndarray:
+def hair_shares(template: DetailTemplate, hand: HandModel) -> np.ndarray:
     """[M, H] float32, as `HairGrowth.share` for `REGIONS`; template and hand are the right one's."""
     tensors = template.rest_vertices(), template.normals, template.faces, template.bones.of_face
     vertices, normals, faces, bone = (values.cpu().numpy() for values in tensors)
@@ -96,9 +96,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Make the file of where hairs grow on the built-in hand.")
     parser.add_argument("folder", type=Path, help="where to write it")
     folder, hand = parser.parse_args().folder, load_default_hand()
-    surface = load_fine_surface(hand.sha256)
+    surface = load_detail_surface(hand.sha256)
     assert surface is not None
-    share = hair_shares(FineTemplate.of(surface, hand), hand)
+    share = hair_shares(DetailTemplate.of(surface, hand), hand)
     (folder / HAIR_FILE).write_bytes(npz_bytes({"share": share}))
 
 

@@ -1,7 +1,7 @@
-"""What the normals of the detailed surface have and those of the fine surface's larger triangles lack, as slopes.
+"""What the normals of the detailed surface have and those of the detail surface's larger triangles lack, as slopes.
 
-Nails step out of the skin, and creases are narrower than a triangle of the fine surface: its normals smear them. These
-slopes bend them back, as a normal map does that is baked from a finer mesh.
+Nails step out of the skin, and creases are narrower than a triangle of the detail surface: its normals smear them.
+These slopes bend them back, as a normal map does that is baked from a finer mesh.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 from ...backend.geometry.loop import split_corners
 from ...backend.hand.model import HandModel
 from ...backend.surface.detail_maps_file import ATLAS_MM
-from ...backend.surface.fine_surface import LEVELS
+from ...backend.surface.detail_surface import LEVELS
 from ...backend.teacher.dependencies import needs
 from ...backend.teacher.detailed_surface import DetailedSurface
 from ...backend.teacher.loop import subdivide
@@ -31,7 +31,7 @@ def unresolved_slopes(model: HandModel, detail: DetailedSurface, size: int) -> n
 
     Args:
         model: the built-in right hand.
-        detail: its detailed surface, one level of subdivision finer than the fine surface.
+        detail: its detailed surface, one level of subdivision finer than the detail surface.
         size: of the map.
     """
     coarse = subdivide(model.f, model.vt[model.ft], len(model.v_template), LEVELS)

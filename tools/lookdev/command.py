@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ...backend.capture.person import find_person
-from ...backend.system.atomic_file import replacing
 from ...backend.system.command import Command, parse_count
+from ...backend.system.files import replacing
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,11 +12,10 @@ import numpy as np
 import torch
 
 from ...backend.capture.person import Person
-from ...backend.evaluation.cie_lab import lab
 from ...backend.evaluation.contact_sheet import label_strip, on_background, save_sheet, tile
 from ...backend.evaluation.contrast_bands import BANDS_MM, SPAN, band_key, contrast
 from ...backend.evaluation.sheet_command import read_frame
-from ...backend.evaluation.skin_colours import BACK, colour_findings
+from ...backend.evaluation.skin_colours import BACK, colour_findings, lab
 from ...backend.hand.model import HandModel
 from ...backend.hand.posed_bones import bone_frames
 from ...backend.image.srgb import srgb_to_linear
@@ -57,13 +56,13 @@ def look_at(
         whole = {name: studio.picture(view, _WHOLE_PX) for name, view in WHOLE_HANDS.items()}
         close = {name: studio.picture(view, close_up_px) for name, view in CLOSE_UPS.items()}
         seen = studio.colours()
-    places = {place: colour for place, colour in seen.items() if colour is not None}
+    points = {place: colour for place, colour in seen.items() if colour is not None}
     _save(whole, folder / "whole_hands.png", 3)
     _save(close, folder / "close_ups.png", _COLUMNS)
     return {
         "contrast": {name: _contrast(picture, WHOLE_HANDS[name].mm_per_px) for name, picture in whole.items()},
-        "lab": {place: [round(float(value), 1) for value in colour] for place, colour in places.items()},
-        "unusual": [*colour_findings(places), *(f"{place}: not seen" for place in seen if place not in places)],
+        "lab": {place: [round(float(value), 1) for value in colour] for place, colour in points.items()},
+        "unusual": [*colour_findings(points), *(f"{place}: not seen" for place in seen if place not in points)],
     }
 
 

@@ -46,8 +46,8 @@ def annotation_file(folder: Path, split: DataSplit, name: File) -> Path:
         LiveHandError: there is none.
     """
     file = f"InterHand2.6M_{split}_{name}.json"
-    places = [folder / file, folder / split / file, folder / "all" / split / file]
-    for place in places:
+    points = [folder / file, folder / split / file, folder / "all" / split / file]
+    for place in points:
         if place.is_file():
             return place
     raise LiveHandError(f"no {file} in {folder}, {split} or all/{split} in it; pass the folder of the annotations")

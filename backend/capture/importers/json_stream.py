@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...records.errors import LiveHandError
-from ...system.regular_file import check_regular
+from ...system.files import check_regular
 
 _BUFFER_BYTES = 1 << 16
 _END_MAP, _END_ARRAY = ("end_map", None), ("end_array", None)

@@ -13,8 +13,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ...records.errors import LiveHandError
-from ...system.atomic_file import replacing
-from ...system.regular_file import MIB, check_regular
+from ...system.files import MIB, check_regular, replacing
 from ..capture import Capture, index_document, load_capture, save_capture_index
 
 _MOST_BYTES = 1024 * MIB  # of one image

@@ -20,9 +20,8 @@ import numpy as np
 from ...records.camera import Camera
 from ...records.errors import LiveHandError
 from ...records.shot import HandPose
-from ...system.inner_path import inner_path
-from ...system.json_file import read_json
-from ...system.npz_file import read_npz
+from ...system.files import inner_path
+from ...system.readers import read_json, read_npz
 from ..capture import read_all, read_pose
 from ..lights import CaptureLight, read_light
 from ..picture import read_header, wrong_size

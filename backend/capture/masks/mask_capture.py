@@ -16,7 +16,7 @@ from tqdm import tqdm
 from ...hand.lbs import posed_arrays
 from ...hand.model import HandModel
 from ...records.errors import LiveHandError
-from ...system.atomic_file import replacing
+from ...system.files import replacing
 from ..capture import Capture, CaptureView, load_capture, save_capture_index
 from ..picture import (
     ALPHA_MODES,
@@ -164,11 +164,11 @@ def _given_mask(folder: Path, view: CaptureView) -> Path:
     """Find the mask of an image `images/a/b.jpg`: `a/b.png`, `images/a/b.png`, or the same with the image's suffix."""
     file = PurePosixPath(view.file)
     short = file.relative_to("images") if file.parts[0] == "images" else file
-    places = [folder / name for name in (short.with_suffix(".png"), file.with_suffix(".png"), short, file)]
-    for place in places:
+    points = [folder / name for name in (short.with_suffix(".png"), file.with_suffix(".png"), short, file)]
+    for place in points:
         if place.is_file():
             return place
-    raise LiveHandError(f"{view.file} must have a mask at {places[0]}, got none")
+    raise LiveHandError(f"{view.file} must have a mask at {points[0]}, got none")
 
 
 def _write_mask(mask: np.ndarray, path: Path) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 
 from ...avatars.library import AVATAR_HELP, avatar_path
 from ...records.errors import LiveHandError
-from ...system.atomic_file import replacing
 from ...system.command import Command
+from ...system.files import replacing
 from ...tracking.sighted_take import filmed_take, frames_of_film
 from ..track import parse_fov
 

@@ -1,20 +1,108 @@
-"""Re-enacts a tracked video: plate, gains, then frame after frame the avatars over the footage."""
+"""The blur of a hand that moves while the shutter is open: the mean of a few renders of the fitted motion."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 from PIL import Image, ImageFilter
 
+from ...hand.lbs import posed_vertices
+from ...image.exposure import Shutter, exposure_samples
+from ...records.frame import Frame
 from ...records.shot import Shot
+from ...render.composition import mean_frame
 from ...render.renderer import Renderer
+from ...tracking.resting_camera import MOST_CHANGE, ground_change
 from ...tracking.video import VideoFrame
 from .filmed_shots import FilmedShots
-from .motion_blur import exposed
-from .overlay import colour_gain, over, smooth_gains
-from .plate import clean_plate
+from .overlay import colour_gain, faded, over, smooth_gains, wrist_fade
+
+_SHARP_PX = 1.5  # path during the exposure, below which a frame is sharp
+_STEP_PX = 3.0  # between two renders
+_MOST_SAMPLES = 8
+_FASTEST_SHARE = 95  # percentile of the vertices' paths: a fingertip may be all that moves
+
+
+def exposed(
+    shots: FilmedShots, index: int, render: Callable[[Shot], Frame], shutter_frames: float
+) -> tuple[Frame, np.ndarray]:
+    """Render a frame that fades at the wrist's cut, and its alpha [H, W] before that.
+
+    Args:
+        shots: the motion and its camera.
+        index: of the motion's frame, in the middle of the exposure.
+        render: the avatar's renderer.
+        shutter_frames: how long the shutter is open; 0: a sharp frame.
+    """
+    count = sample_count(path_px(shots, index, shutter_frames)) if shutter_frames > 0 else 1
+    shutter = Shutter(-shutter_frames / 2, shutter_frames)
+    samples = exposure_samples(count, shutter, None) if count > 1 else exposure_samples(1, None, None)
+    frames, sharp = [], []
+    for sample in samples:
+        shot = shots.shot(index + sample.offset_frames)
+        sharp.append(render(shot))
+        frames.append(faded(sharp[-1], wrist_fade(sharp[-1], shot.camera, *shots.arm_reach(shot))))
+    return mean_frame(frames), np.mean([frame.alpha for frame in sharp], 0)
+
+
+def path_px(shots: FilmedShots, index: int, shutter_frames: float) -> float:
+    """Measure how far the faster vertices move in the picture while the shutter is open."""
+    points = []
+    for offset in (-shutter_frames / 2, shutter_frames / 2):
+        pose = shots.pose(index + offset)
+        points.append(shots.camera.project(posed_vertices(shots.model, pose))[0])
+    return float(np.percentile(np.linalg.norm(points[1] - points[0], axis=-1), _FASTEST_SHARE))
+
+
+def sample_count(moved_px: float) -> int:
+    """Count the renders for a path; one if it is short."""
+    return 1 if moved_px < _SHARP_PX else min(max(2, ceil(moved_px / _STEP_PX) + 1), _MOST_SAMPLES)
+
+
+_BAND_ROWS = 64  # at once, which bounds memory
+
+
+def clean_plate(pictures: Sequence[np.ndarray], covered: Sequence[np.ndarray]) -> np.ndarray | None:
+    """Build the ground, uint8 [H, W, 3]; None if the camera moves.
+
+    Args:
+        pictures: uint8 [H, W, 3], frames of the footage.
+        covered: [H, W] bool, where the hand may be. A pixel that is covered in all frames is filled from around it.
+    """
+    change = ground_change(pictures, covered)
+    if change is None or change > MOST_CHANGE:
+        return None
+    plate = np.zeros(pictures[0].shape, np.float32)
+    hidden_always = np.logical_and.reduce(covered)
+    if hidden_always.all():
+        return None
+    for top in range(0, len(plate), _BAND_ROWS):
+        rows = slice(top, top + _BAND_ROWS)
+        values = np.stack([picture[rows] for picture in pictures]).astype(np.float32)
+        hidden = np.stack([mask[rows] for mask in covered])
+        hidden &= ~hidden_always[rows]
+        values[hidden] = np.nan
+        plate[rows] = np.nanmedian(values, 0)
+    return filled(plate, ~hidden_always).round().astype(np.uint8)
+
+
+def filled(values: np.ndarray, is_known: np.ndarray) -> np.ndarray:
+    """Fill values [H, W, 3] where they are not known [H, W] by those of ever coarser means around them."""
+    if is_known.all() or not is_known.any():
+        return values
+    height, width = is_known.shape
+    padded = ((0, height % 2), (0, width % 2), (0, 0))
+    weight = np.pad(is_known[..., None].astype(np.float32), padded)
+    total = np.pad(values * is_known[..., None], padded)
+    shape = (weight.shape[0] // 2, 2, weight.shape[1] // 2, 2, -1)
+    counts, sums = (part.reshape(shape).sum((1, 3)) for part in (weight, total))
+    coarse = filled(sums / np.maximum(counts, 1), counts[..., 0] > 0)
+    back = coarse.repeat(2, 0).repeat(2, 1)[:height, :width]
+    return np.where(is_known[..., None], values, back)
+
 
 _SAMPLES = 24  # frames that plate and gains are measured in
 _SAMPLE_WIDTH_PX = 320

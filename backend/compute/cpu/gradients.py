@@ -255,10 +255,10 @@ class _PlaneRead(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, table: Tensor, uv: Tensor, height: Tensor, fade: Tensor, sizes: Sizes) -> Tensor:
         """All of one floating-point type, on the CPU."""
-        places = tuple(values.detach().contiguous() for values in (uv, height, fade))
+        hit_points = tuple(values.detach().contiguous() for values in (uv, height, fade))
         flat = table.detach().contiguous().view(-1)
         out = flat.new_empty(len(uv), sizes[2])
-        arrays = [values.numpy() for values in (flat, *places)]
+        arrays = [values.numpy() for values in (flat, *hit_points)]
         in_parallel(
             lambda first, last: kernels.read_samples(
                 arrays[0], sizes, *arrays[1:], first, last, out.view(-1).numpy(), sizes[2], 0
@@ -266,28 +266,28 @@ class _PlaneRead(torch.autograd.Function):
             len(uv),
         )
         ctx.sizes = sizes
-        ctx.save_for_backward(table, *places)
+        ctx.save_for_backward(table, *hit_points)
         return out
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *outward: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
         """Gradients of the table and, if needed, of uv, height and fade."""
-        table, *places = ctx.saved_tensors
+        table, *hit_points = ctx.saved_tensors
         of_features = outward[0].contiguous()
-        of_table = _table_gradient(table, places, of_features, ctx.sizes) if ctx.needs_input_grad[0] else None
+        of_table = _table_gradient(table, hit_points, of_features, ctx.sizes) if ctx.needs_input_grad[0] else None
         if not any(ctx.needs_input_grad[1:4]):
             return of_table, None, None, None, None
-        of_place = _place_gradient(table.detach(), places, of_features, ctx.sizes)
+        of_place = _place_gradient(table.detach(), hit_points, of_features, ctx.sizes)
         return of_table, of_place[:, :2], of_place[:, 2], of_place[:, 3], None
 
 
 def _table_gradient(
-    table: Float[Tensor, "T C"], places: Sequence[Tensor], outward: Float[Tensor, "S K"], sizes: Sizes, at: int = 0
+    table: Float[Tensor, "T C"], hit_points: Sequence[Tensor], outward: Float[Tensor, "S K"], sizes: Sizes, at: int = 0
 ) -> Float[Tensor, "T C"]:
     """`outward` has the plane's channels from column `at` on; places are uv, height and fade."""
     gradient = torch.zeros_like(table, memory_format=torch.contiguous_format)
-    *arrays, flat, total = as_arrays(*places, outward.view(-1), gradient.view(-1))
+    *arrays, flat, total = as_arrays(*hit_points, outward.view(-1), gradient.view(-1))
     columns = outward.shape[1]
     in_parallel(
         lambda first, last: kernels.table_gradient(sizes, *arrays, flat, columns, at, first, last, total), sizes[0]
@@ -296,10 +296,10 @@ def _table_gradient(
 
 
 def _place_gradient(
-    table: Float[Tensor, "T C"], places: list[Tensor], outward: Float[Tensor, "S C"], sizes: Sizes
+    table: Float[Tensor, "T C"], hit_points: list[Tensor], outward: Float[Tensor, "S C"], sizes: Sizes
 ) -> Float[Tensor, "S 4"]:
     gradient = outward.new_zeros(len(outward), 4)
-    inputs, total = as_arrays(*places, outward.view(-1)), gradient.numpy()
+    inputs, total = as_arrays(*hit_points, outward.view(-1)), gradient.numpy()
     texels = as_arrays(table.contiguous().view(-1))[0]
     in_parallel(
         lambda first, last: kernels.place_gradient(texels, sizes, *inputs, sizes[2], 0, first, last, total),

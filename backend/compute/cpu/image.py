@@ -1,4 +1,4 @@
-"""The full-size image by kernels, without gradients: as `image.relighting` and `image.surface_means`."""
+"""The full-size image by kernels, without gradients: as `image.shading` and `image.edge_avoiding_filter`."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ...field.rays import CameraTensors
-from ...image.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, ray_depths, ray_rows
-from ...image.surface_means import FACING_POWER, SHARES, RayPlaces
-from ...light.lighting import COEFFICIENTS, BumpedSkin, LightFeatures
-from ...light.mirrored_sky import SIDE
-from ...light.round_lobes import LEAST_ROUGHNESS
+from ...image.edge_avoiding_filter import FACING_POWER, SHARES, RaySurfacePoints
+from ...image.shading import MIN_ALPHA, EnlargedRays, RaysAround, ShadingInputs, SurfaceDepth, ray_depths, ray_rows
+from ...light.brdf import LEAST_ROUGHNESS
+from ...light.lighting import COEFFICIENTS, BumpMapping, LightFeatures
+from ...light.prefiltered_environment import SIDE
 from ..kernels.brdf import MirrorArrays
 from ..kernels.edges import RaysOnSurface, mean_over_surface
 from ..kernels.image import (
@@ -35,7 +35,7 @@ MIN_ALPHA_32 = np.float32(MIN_ALPHA)
 def smooth_enlarged_rays(
     maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
 ) -> EnlargedRays:
-    """As `image.relighting.smooth_enlarged_rays`; the pixels are in order."""
+    """As `image.shading.smooth_enlarged_rays`; the pixels are in order."""
     count, (height, width) = len(covered), detail.shape[1:]
     buffers = (torch.empty(count, COEFFICIENTS), torch.empty(count, 3), torch.zeros(height * width))
     out = EnlargedArrays(*(values.numpy() for values in buffers))
@@ -52,9 +52,9 @@ def shares_of_rays(
     pixel: Int[Tensor, " R"],
     camera: CameraTensors,
     at: Int[Tensor, " P"],
-    skin: SkinDepth,
+    skin: SurfaceDepth,
 ) -> Float[Tensor, "P 4"]:
-    """As `image.relighting.shares_of_rays`."""
+    """As `image.shading.shares_of_rays`."""
     depth, shares = ray_depths(position, pixel, camera), torch.empty(len(at), 4)
     arrays, out = as_arrays(at, depth, skin.depth), shares.numpy()
     where = arrays[0], camera.size_px[0], *arrays[1:], np.float32(skin.edge_m)
@@ -65,7 +65,7 @@ def shares_of_rays(
 def normals_at_steps(
     normal: Float[Tensor, "P 3"], relief_normal: Float[Tensor, "R 3"], rays: RaysAround
 ) -> Float[Tensor, "P 3"]:
-    """As `image.relighting.normals_at_steps`."""
+    """As `image.shading.normals_at_steps`."""
     width, height = rays.size_px
     row, normals = row_of(rays.pixel, width * height), torch.empty_like(normal)
     at, share, of_rays, before = as_arrays(rays.at, rays.share, relief_normal, normal)
@@ -85,14 +85,14 @@ def view_directions(camera: CameraTensors, pixel: Int[Tensor, " P"]) -> Float[Te
     return directions
 
 
-def relit(
-    image: LitImage, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
+def shade_image(
+    image: ShadingInputs, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
 ) -> Float[Tensor, "3 H W"]:
     """Scene-linear colours of an image at twice `size_px`."""
     width, height = size_px
     rays, row = ray_rows(features), row_of(pixel, width * height)
     out = torch.zeros(4 * width * height, 3)
-    skin = image.skin or BumpedSkin.smooth(image.normal)
+    skin = image.skin or BumpMapping.smooth(image.normal)
     normals = image.normal, skin.surface_normal, skin.blurred_normal, skin.alpha_squared
     large = image.pixel, image.coefficients, *normals, image.view, image.share
     light = features.lamp_rgb, features.lamp_radius_rad, skin.nail, skin.sharpness
@@ -105,13 +105,16 @@ def relit(
 _MEAN_SHARES = np.array(SHARES, np.float32)
 
 
-def surface_means(values: Float[Tensor, "R C"], places: RayPlaces, stride: int) -> Float[Tensor, "R C"]:
-    """As `image.surface_means.surface_means`."""
-    width, height = places.size_px
-    row = row_of(places.pixel, width * height)
+def edge_avoiding_mean(values: Float[Tensor, "R C"], hit_points: RaySurfacePoints, stride: int) -> Float[Tensor, "R C"]:
+    """As `image.edge_avoiding_filter.edge_avoiding_mean`."""
+    width, height = hit_points.size_px
+    row = row_of(hit_points.pixel, width * height)
     means = torch.empty(values.shape)
-    pixel, position, normal, before = as_arrays(places.pixel, places.position, places.normal, values)
-    record, after = RaysOnSurface(pixel, row, width, position, normal, np.float32(places.off_plane_m)), means.numpy()
+    pixel, position, normal, before = as_arrays(hit_points.pixel, hit_points.position, hit_points.normal, values)
+    record, after = (
+        RaysOnSurface(pixel, row, width, position, normal, np.float32(hit_points.off_plane_m)),
+        means.numpy(),
+    )
     in_parallel(
         lambda first, last: mean_over_surface(record, _MEAN_SHARES, FACING_POWER, stride, before, first, last, after),
         len(values),
@@ -126,5 +129,5 @@ class ImageKernels(ReferenceBackend):
     shares_of_rays = staticmethod(shares_of_rays)
     normals_at_steps = staticmethod(normals_at_steps)
     view_directions = staticmethod(view_directions)
-    surface_means = staticmethod(surface_means)
-    relit = staticmethod(relit)
+    edge_avoiding_mean = staticmethod(edge_avoiding_mean)
+    shade_image = staticmethod(shade_image)

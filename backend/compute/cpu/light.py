@@ -1,4 +1,4 @@
-"""Light by kernels, without gradients: as `light.{bounce, lighting, shadow_maps, surrounding_light, visibility}`."""
+"""Light by kernels, without gradients: as `light.{bounce, lighting, shadow_maps, nearby_geometry_of, visibility}`."""
 
 from __future__ import annotations
 
@@ -8,40 +8,40 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ...geometry.mesh import PosedMesh, Topology
-from ...light.bounce import Probes, SkinPlaces, bounced_on_skin
-from ...light.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS
-from ...light.light_samples import LightSamples
+from ...light.brdf import INDEX, NAIL_ROUGHNESS, ROUGHNESS
+from ...light.indirect_diffuse import MeshPoints, Surfels, indirect_diffuse_on_mesh
 from ...light.lighting import (
     BELOW_HORIZON,
     SCATTER_M,
     SCATTERED_SCALE,
     SKY_CELL_RAD,
     WRAP,
+    AmbientOcclusion,
+    FrameShadows,
     LightFeatures,
-    LightShadows,
-    Openness,
     SurfacePoints,
 )
+from ...light.near_field_light import CELLS, NearFieldFeatures, sky_cells
+from ...light.nearby_geometry import Patches
+from ...light.samples import LightSamples
 from ...light.shadow_maps import PointShadows, ShadowScene
 from ...light.sky_samples import SkySamples
-from ...light.surrounding_light import CELLS, NearLight, sky_cells
-from ...light.surroundings import Patches
 from ...light.visibility import MAP_PX, ShadowMapPoints
 from ..kernels.brdf import Lobes
-from ..kernels.light import FeatureArrays, LampArrays, PointArrays, ProbeArrays, SkyArrays, bounce
+from ..kernels.light import FeatureArrays, LampArrays, PointArrays, SkyArrays, SurfelArrays, bounce
+from ..kernels.light import ambient_occlusion as fill_openness
 from ..kernels.light import light_features as fill_features
-from ..kernels.light import openness as fill_openness
 from ..kernels.nearby import NearArrays, PatchArrays
-from ..kernels.nearby import near_light as fill_near_light
+from ..kernels.nearby import near_field_light as fill_near_light
 from ..kernels.shadow import ShadowCasters, ShadowPoints, look_up_points
 from ..kernels.shadow import lit_share as fill_lit_share
-from ..kernels.surface import skin_places as fill_places
+from ..kernels.surface import mesh_points as fill_points
 from ..reference import ReferenceBackend
 from .arrays import as_arrays, whole_rows
 from .threads import in_parallel
 
 
-def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
+def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePoints) -> LightFeatures:
     """The features of points."""
     sky, lamps = light
     count = len(points.position)
@@ -54,35 +54,37 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     sky_arrays = SkyArrays(*of_sky_cells, *(whole_rows(values) for values in shadows.sky))
     lamp_arrays = LampArrays(*as_arrays(*lamps[:-1], *shadows.lamps))
     in_parallel(lambda first, last: fill_features(arrays, sky_arrays, lamp_arrays, lobes(), first, last, out), count)
-    probes, shed = shadows.probes.probes, shadows.probes.shed(light)
-    reflected = bounced_on_skin(points.places, points.position, points.normal, probes, shed, bounced)
+    surfels, emitted = shadows.surfels.surfels, shadows.surfels.emitted(light)
+    reflected = indirect_diffuse_on_mesh(
+        points.hit_points, points.position, points.normal, surfels, emitted, indirect_diffuse
+    )
     return LightFeatures(
         lamp_vectors=vectors,
         lamp_rgb=lamps.rgb,
         lamp_radius_rad=lamps.radius_rad,
         sky_vectors=of_sky,
-        sky_seen=seen,
+        lobe_visibility=seen,
         mirrored=sky.mirrored,
-        near_gloss=torch.zeros(count, 2, 3),
+        near_field_specular=torch.zeros(count, 2, 3),
         scattered=scattered,
         arriving=torch.ones(count, 3),
         reflected=reflected,
     )
 
 
-def bounced(
-    position: Float[Tensor, "R 3"], normal: Float[Tensor, "R 3"], probes: Probes, shed: Float[Tensor, "P 3"]
+def indirect_diffuse(
+    position: Float[Tensor, "R 3"], normal: Float[Tensor, "R 3"], surfels: Surfels, emitted: Float[Tensor, "P 3"]
 ) -> Float[Tensor, "R 3"]:
-    """As `light.bounce.bounced`."""
-    arrays = ProbeArrays(*as_arrays(probes.position.T, probes.normal.T, probes.area_m2, shed.T))
+    """As `light.indirect_diffuse.indirect_diffuse`."""
+    arrays = SurfelArrays(*as_arrays(surfels.position.T, surfels.normal.T, surfels.area_m2, emitted.T))
     at, unit, received = as_arrays(position, normal, torch.empty(len(position), 3))
     in_parallel(lambda first, last: bounce(at, unit, arrays, first, last, received), len(position))
     return torch.as_tensor(received)
 
 
-def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> Openness:
-    """The openness of points with these normals."""
-    found = Openness(torch.empty(len(normal)), torch.empty(len(normal), 3))
+def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> AmbientOcclusion:
+    """The ambient occlusion of points with these normals."""
+    found = AmbientOcclusion(torch.empty(len(normal)), torch.empty(len(normal), 3))
     (towards, normals, share, mean), lit = as_arrays(sky.towards, normal.T, *found), whole_rows(shadows.lit)
     in_parallel(lambda first, last: fill_openness(towards, normals, lit, first, last, share, mean), len(normal))
     return found
@@ -96,41 +98,41 @@ def lobes() -> Lobes:
     )
 
 
-def skin_places(
+def mesh_points(
     mesh: PosedMesh, faces: Int[Tensor, "F 3"], face: Int[Tensor, " R"], position: Float[Tensor, "R 3"]
-) -> SkinPlaces:
-    """As `light.bounce.SkinPlaces.of`; face -1 is none."""
+) -> MeshPoints:
+    """As `light.indirect_diffuse.MeshPoints.of`; face -1 is none."""
     count = len(face)
-    places = SkinPlaces(torch.empty(count, 3, dtype=faces.dtype), torch.empty(count, 3))
+    hit_points = MeshPoints(torch.empty(count, 3, dtype=faces.dtype), torch.empty(count, 3))
     arrays = as_arrays(mesh.vertices, faces, face, position)
-    vertex, weight = (values.numpy() for values in places)
-    in_parallel(lambda first, last: fill_places(*arrays, first, last, vertex, weight), count)
-    return places
+    vertex, weight = (values.numpy() for values in hit_points)
+    in_parallel(lambda first, last: fill_points(*arrays, first, last, vertex, weight), count)
+    return hit_points
 
 
-def look_up(scene: ShadowScene, places: Float[Tensor, "P 3"]) -> PointShadows:
+def look_up(scene: ShadowScene, hit_points: Float[Tensor, "P 3"]) -> PointShadows:
     """As `light.shadow_maps.look_up_reference`: makes the maps of one view after the other."""
     tensors = (*scene.views, scene.vertices.T, scene.faces, scene.others.T)
     arrays = (values.contiguous().numpy() for values in tensors)
     lengths = map(np.float32, (scene.tolerance, scene.contact, scene.max_depth_in, scene.template_m))
     others = np.arange(len(scene.others)).reshape(-1, 3)
     casters = ShadowCasters._make((*arrays, others, scene.map_px, *lengths))
-    shape, points = (len(scene.views.distance), len(places)), places.T.contiguous().numpy()
+    shape, points = (len(scene.views.distance), len(hit_points)), hit_points.T.contiguous().numpy()
     shadows = PointShadows(torch.empty(shape), torch.empty(shape))
     lit, depth_in = (values.numpy() for values in shadows)
     in_parallel(lambda first, last: look_up_points(casters, points, first, last, lit, depth_in), len(lit))
     return shadows
 
 
-def near_light(
-    patches: Patches, open_sky: PointShadows, shed: Float[Tensor, "P 3"], points: SurfacePoints
-) -> NearLight:
-    """As `light.surrounding_light.near_light`."""
+def near_field_light(
+    patches: Patches, sky_visibility: PointShadows, emitted: Float[Tensor, "P 3"], points: SurfacePoints
+) -> NearFieldFeatures:
+    """As `light.near_field_light.near_field_light`."""
     count = len(points.position)
-    found = NearLight(*(torch.empty(count, *shape) for shape in ((3, 3), (2, 3), (2, 3))))
+    found = NearFieldFeatures(*(torch.empty(count, *shape) for shape in ((3, 3), (2, 3), (2, 3))))
     out, at = NearArrays(*(values.numpy() for values in found)), PointArrays(*as_arrays(*points[:-1]))
-    shapes = as_arrays(patches.position.T, patches.normal.T, patches.area_m2, shed.T, open_sky.lit.T)
-    nearest, weights = sky_cells(shed.device)
+    shapes = as_arrays(patches.position.T, patches.normal.T, patches.area_m2, emitted.T, sky_visibility.lit.T)
+    nearest, weights = sky_cells(emitted.device)
     cells, weights = nearest.numpy().astype(np.int32), weights.numpy()
     arrays = PatchArrays(*shapes, sky_cell=cells, sky_weight=weights, cells=CELLS)
     in_parallel(lambda first, last: fill_near_light(at, arrays, lobes(), first, last, out), count)
@@ -152,8 +154,8 @@ class LightKernels(ReferenceBackend):
 
     lit_share = staticmethod(lit_share)
     look_up = staticmethod(look_up)
-    openness = staticmethod(openness)
+    ambient_occlusion = staticmethod(ambient_occlusion)
     light_features = staticmethod(light_features)
-    skin_places = staticmethod(skin_places)
-    bounced = staticmethod(bounced)
-    near_light = staticmethod(near_light)
+    mesh_points = staticmethod(mesh_points)
+    indirect_diffuse = staticmethod(indirect_diffuse)
+    near_field_light = staticmethod(near_field_light)

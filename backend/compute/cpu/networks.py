@@ -18,10 +18,10 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from ...field.field import MIN_ALPHA, PlaneField
-from ...field.relightable import LitField
+from ...field.relightable import RelightableField
 from ...field.volume import Composite
 from ...image.superres import ResidualSuperRes
-from ...light.lighting import Openness
+from ...light.lighting import AmbientOcclusion
 from ..kernels.networks import (
     CHANNELS,
     GROUP,
@@ -96,12 +96,12 @@ def decoder(field: PlaneField, device: torch.device, precision: Precision) -> De
 
 
 def decoder_inputs(
-    field: LitField, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness
+    field: RelightableField, gathered: Composite, view: Float[Tensor, "R 3"], occlusion: AmbientOcclusion
 ) -> Float[Tensor, "R C"]:
-    """As `LitField.decoder_inputs`."""
+    """As `RelightableField.decoder_inputs`."""
     count, near = len(view), field.near_channels
     inputs = torch.empty(count, near + field.ANGLES)
-    rays, out = as_arrays(gathered.channels, gathered.alpha, view, *open_to), inputs.numpy()
+    rays, out = as_arrays(gathered.channels, gathered.alpha, view, *occlusion), inputs.numpy()
     known = *rays, near, field.normal_slice.start, np.float32(MIN_ALPHA)
     in_parallel(lambda first, last: fill_inputs(*known, first, last, out), count)
     return inputs

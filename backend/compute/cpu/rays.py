@@ -1,7 +1,7 @@
-"""Rays through the shell, by kernels: as `field.sampler.first_hit` and `field.trace`.
+"""Rays through the shell, by kernels: as `field.sampler.first_hit` and `field.surface_tracking`.
 
 One rasterisation of the shell a frame, from which all samples are placed; and a mesh before a camera, as
-`field.rays.project` and `geometry.rasterise.nearest_fronts`, which is worth its kernels where it is a fine surface.
+`field.rays.project` and `geometry.rasterise.nearest_fronts`, which is worth its kernels where it is a detail surface.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def find_fronts(mesh: ProjectedMesh, size_px: tuple[int, int]) -> Fronts:
 
 def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
     """The crossings of the inflated mesh, and the first front face of the deflated one."""
-    mesh, topology, camera, known_depth = hand[:4]
+    mesh, topology, camera, surface_depth = hand[:4]
     shell = config.shell_m * mesh.scale * mesh.normals
     faces, (width, height) = topology.faces.numpy(), camera.size_px
     outer, inner = (
@@ -83,7 +83,7 @@ def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
         face=np.empty((pixels, config.max_layers), np.int32),
         counts=np.zeros(pixels, np.int32),
         inner=np.full(pixels, np.inf, np.float32),
-        known=np.full(pixels, np.inf, np.float32) if known_depth is None else known_depth.numpy(),
+        known=np.full(pixels, np.inf, np.float32) if surface_depth is None else surface_depth.numpy(),
         before=np.float32(BEFORE_M * mesh.scale),
         behind=np.float32(BEHIND_M * mesh.scale),
         least_reach=np.float32(LEAST_REACH_M * mesh.scale),

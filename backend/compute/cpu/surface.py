@@ -14,16 +14,16 @@ from ...field.rays import CameraTensors, ray_origin
 from ...geometry.local_rotation import LocalFrames
 from ...geometry.mesh import PosedMesh, Topology
 from ...hand.lbs import SkinMotion, SkinTensors
-from ...image.relighting import MIN_ALPHA, LitImage
-from ...light.lighting import BumpedSkin
+from ...image.shading import MIN_ALPHA, ShadingInputs
+from ...light.lighting import BumpMapping
 from ...records.shot import HandPose
 from ...surface.detail_maps import BUMP, GLOSS_STEP, SHADE_STEP, SLOPE_STEP_MM, DetailMaps
 from ...surface.detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
-from ...surface.fine_mesh import SAMPLES, FineMesh, FinerField, FineTemplate, PixelSurface
-from ...surface.part_edges import SPREAD, STEP_M, STEP_PX, PartEdges
+from ...surface.detail_mesh import SAMPLES, DetailMesh, DetailTemplate, PixelSurface, SubdivisionLevel
+from ...surface.edge_antialiasing import SPREAD, STEP_M, STEP_PX, EdgePixels
 from ...surface.ray_hits import RayHits
-from ...surface.skin_detail import FOLD_LOG_ALBEDO, LEAST_COSINE, MOST_TAPS, ONE_TAP_MORE, SHARPER
-from ..kernels.detail import DetailConstants, DetailedArrays, DetailTable, PosedSurface, SeenFaces, add_skin
+from ...surface.shading_detail import FOLD_LOG_ALBEDO, LEAST_COSINE, MOST_TAPS, ONE_TAP_MORE, SHARPER
+from ..kernels.detail import DetailConstants, DetailedArrays, DetailTable, PosedSurface, VisibleFaces, add_skin
 from ..kernels.edges import (
     EdgeSamples,
     PartMarks,
@@ -110,14 +110,14 @@ def _of_forearm(forearm: np.ndarray, wrist: np.ndarray, rest_wrist: np.ndarray) 
 _SAMPLES, _SPREAD = np.array(SAMPLES, np.float32).T.copy(), np.array(SPREAD, np.float32)
 
 
-def fine_mesh(
-    template: FineTemplate,
+def detail_mesh(
+    template: DetailTemplate,
     motion: SkinMotion,
     height_m: Float[Tensor, " N"],
     flex: Float[Tensor, " V"],
     scale: Float[Tensor, ""],
-) -> FineMesh:
-    """As `surface.fine_mesh.fine_mesh`."""
+) -> DetailMesh:
+    """As `surface.detail_mesh.detail_mesh`."""
     count = len(template.offset_m)
     values = torch.cat([motion.rest, motion.transforms.flatten(1), flex[:, None]], 1).numpy()
     for level in template.levels:
@@ -131,18 +131,18 @@ def fine_mesh(
     in_parallel(lambda first, last: vertex_normals(long, start, around, first, last, unit), count)
     bend = torch.as_tensor(values[:, -1])
     shared = template.bones, template.coarse_faces
-    return FineMesh(vertices, normals, template.faces, template.corner_uv, bend, scale, *shared)
+    return DetailMesh(vertices, normals, template.faces, template.corner_uv, bend, scale, *shared)
 
 
-def _finer(level: FinerField, values: np.ndarray) -> np.ndarray:
+def _finer(level: SubdivisionLevel, values: np.ndarray) -> np.ndarray:
     rows = FinerRows(*as_arrays(level.start, level.column, level.weight))
     finer = np.empty((len(rows.start) - 1, values.shape[1]), np.float32)
     in_parallel(lambda first, last: finer_field(rows, values, first, last, finer), len(finer))
     return finer
 
 
-def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
-    """As `surface.fine_mesh.seen_surface`."""
+def visible_surface(mesh: DetailMesh, camera: CameraTensors) -> PixelSurface:
+    """As `surface.detail_mesh.visible_surface`."""
     width, height = camera.size_px
     projected, pixels = projected_mesh(camera, mesh.vertices, mesh.faces), width * height
     nearest, face_at, rows = find_fronts(projected, camera.size_px)
@@ -178,11 +178,11 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
         lambda first, last: edge_shares(pixel, seen, marks, samples, _SPREAD, first, last, share, shows_first),
         len(pixel),
     )
-    edges = PartEdges(*(torch.as_tensor(values) for values in (pixel, shows_first, share)))
+    edges = EdgePixels(*(torch.as_tensor(values) for values in (pixel, shows_first, share)))
     return PixelSurface(torch.as_tensor(face_at), torch.as_tensor(deep), torch.as_tensor(coverage), edges)
 
 
-def ray_hits(mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:
+def ray_hits(mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:
     """As `surface.ray_hits.ray_hits`."""
     projected = projected_mesh(camera, mesh.vertices, mesh.faces)
     fronts = find_fronts(projected, camera.size_px)
@@ -194,9 +194,9 @@ def ray_hits(mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) ->
 
 
 def blended(
-    colours: Float[Tensor, "3 H W"], alpha: Float[Tensor, "H W"], depth: Float[Tensor, "H W"], edges: PartEdges
+    colours: Float[Tensor, "3 H W"], alpha: Float[Tensor, "H W"], depth: Float[Tensor, "H W"], edges: EdgePixels
 ) -> Float[Tensor, "3 H W"]:
-    """As `surface.part_edges.blended`."""
+    """As `surface.edge_antialiasing.blended`."""
     pixels, mixed = colours.permute(1, 2, 0).flatten(0, 1), torch.empty(len(edges.pixel), 3)
     image, out = as_arrays(pixels, alpha.flatten(), depth.flatten()), mixed.numpy()
     what = (*image, depth.shape[1], tuple(as_arrays(*edges)), np.float32(MIN_ALPHA))
@@ -205,11 +205,11 @@ def blended(
 
 
 def detailed_image(
-    image: LitImage, seen: PixelSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
-) -> LitImage:
-    """The image with the known skin."""
+    image: ShadingInputs, seen: PixelSurface, mesh: DetailMesh, camera: CameraTensors, maps: DetailMaps
+) -> ShadingInputs:
+    """The image with the avatar's surface."""
     surface = PosedSurface(*as_arrays(mesh.vertices, mesh.normals, mesh.faces, mesh.corner_uv, mesh.flex))
-    faces = SeenFaces(*as_arrays(seen.face, seen.depth, seen.coverage, ray_origin(camera)))
+    faces = VisibleFaces(*as_arrays(seen.face, seen.depth, seen.coverage, ray_origin(camera)))
     table = DetailTable(maps.table.numpy(), np.array([first for first, _ in maps.levels]), maps.resolution)
     changed = image._replace(**{name: _copy(getattr(image, name)) for name in ("coefficients", "normal", "alpha")})
     skin = _beside_the_surface(image.normal, maps)
@@ -221,9 +221,9 @@ def detailed_image(
     return changed._replace(depth=seen.depth.reshape(image.depth.shape), skin=skin)
 
 
-def _beside_the_surface(normal: Tensor, maps: DetailMaps) -> BumpedSkin:
+def _beside_the_surface(normal: Tensor, maps: DetailMaps) -> BumpMapping:
     """What the kernel fills where the surface is seen."""
-    smooth = BumpedSkin.smooth(normal)
+    smooth = BumpMapping.smooth(normal)
     return smooth._replace(
         surface_normal=_copy(smooth.surface_normal),
         blurred_normal=_copy(smooth.blurred_normal),
@@ -235,7 +235,7 @@ def _copy(values: Tensor) -> Tensor:
     return values.clone(memory_format=torch.contiguous_format)
 
 
-def _constants(mesh: FineMesh, camera: CameraTensors, maps: DetailMaps) -> DetailConstants:
+def _constants(mesh: DetailMesh, camera: CameraTensors, maps: DetailMaps) -> DetailConstants:
     scale = float(mesh.scale)
     texel_m = scale * maps.texel_m
     texels = 1 / (float(camera.focal_px) * texel_m)
@@ -253,8 +253,8 @@ class SurfaceKernels(ReferenceBackend):
     skin_motion = staticmethod(skin_motion)
     posed_mesh = staticmethod(posed_mesh)
     local_rotations = staticmethod(local_rotations)
-    fine_mesh = staticmethod(fine_mesh)
-    seen_surface = staticmethod(seen_surface)
+    detail_mesh = staticmethod(detail_mesh)
+    visible_surface = staticmethod(visible_surface)
     ray_hits = staticmethod(ray_hits)
     detailed_image = staticmethod(detailed_image)
     blended = staticmethod(blended)

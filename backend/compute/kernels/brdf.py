@@ -1,6 +1,6 @@
-"""The specular lobes and how a bump changes them: as `light.gloss`, `light.bump` and `light.mirrored_sky`.
+"""The specular lobes and how a bump changes them: as `light.brdf`, `light.brdf` and `light.prefiltered_environment`.
 
-Of `light.octahedral` it has `on_square`, of `MirroredSky` `gloss` and `of_even_light`.
+Of `light.prefiltered_environment` it has `on_square`, of `PrefilteredEnvironment` `gloss` and `of_even_light`.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from .compiled import compiled_part_loosely as part
 
 _0, _QUARTER, _HALF, _1, _2, _TINY = (np.float32(value) for value in (0, 0.25, 0.5, 1, 2, 1e-12))
 LEAST_COSINE, GRAZING, TINY = (np.float32(value) for value in (1e-4, 0.05, 1e-8))
-"""Of the cosines to light and eye, and of what is divided by, as in `light.gloss`."""
+"""Of the cosines to light and eye, and of what is divided by, as in `light.brdf`."""
 LEAST_MIRRORED, LEAST_OF_EYE, LEAST_BEND = (np.float32(value) for value in (0.01, 0.9, 1e-4))
-"""As in `light.bump`."""
+"""As in `light.brdf`."""
 
 
 class Lobes(NamedTuple):
-    """Constants of `light.lighting` and `light.gloss`.
+    """Constants of `light.lighting` and `light.brdf`.
 
     SCATTER_M, WRAP, SCATTERED_SCALE and alpha (squared ROUGHNESS) [2], the angle of a sky cell, the squared INDEX, and
     BELOW_HORIZON; `nail_alpha` is the first lobe's on nails.
@@ -36,7 +36,7 @@ class Lobes(NamedTuple):
 
 
 class MirrorArrays(NamedTuple):
-    """As `light.mirrored_sky.MirroredSky`, the map's `SIDE`, and `LEAST_ROUGHNESS` of `light.round_lobes`."""
+    """As `light.prefiltered_environment.PrefilteredEnvironment`, its `SIDE`, and `LEAST_ROUGHNESS` of `light.brdf`."""
 
     radiance: np.ndarray
     lobes: np.ndarray
@@ -52,7 +52,7 @@ def widened(alpha, light_radius_rad):
 
 @part
 def fresnel(cosine, squared_index):
-    """As `light.gloss.fresnel`."""
+    """As `light.brdf.fresnel`."""
     cosine = min(max(cosine, _0), _1)
     inside = np.sqrt(squared_index - _1 + cosine * cosine)
     less, more = inside - cosine, inside + cosine
@@ -68,7 +68,7 @@ def on_nail(nail, lobes):
 
 
 @part
-def glossy(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, squared_index, both):
+def ggx(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, squared_index, both):
     """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
     hx, hy, hz = x - view[0], y - view[1], z - view[2]
     length = max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
@@ -95,7 +95,7 @@ def bump_shadowing(facing, x, y, z, along, surface_normal):
 
 
 @part
-def leaving_share(above, to_eye, alpha_squared):
+def horizon_occlusion(above, to_eye, alpha_squared):
     """Of a lobe; `above`: cosine of the mirrored view and the surface's normal, `to_eye`: and the bump's own."""
     share, whole = _part_of_lobe(above, alpha_squared), _part_of_lobe(max(to_eye, _0), alpha_squared)
     return min(share / whole, _1)
@@ -108,7 +108,7 @@ def _part_of_lobe(cosine, alpha_squared):
 
 
 @part
-def mirroring_normal(normal, surface_normal, view, along, out):
+def clamped_reflection_normal(normal, surface_normal, view, along, out):
     """Fill out [3]; `along`: cosine of both normals."""
     up = -(surface_normal[0] * view[0] + surface_normal[1] * view[1] + surface_normal[2] * view[2])
     facing = -(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2])
@@ -139,7 +139,7 @@ def on_square(x, y, z):
 
 
 SHARE, AHEAD, UP, WIDTH = range(4)
-"""As in `light.round_lobes`."""
+"""As in `light.brdf`."""
 
 
 @part
@@ -188,7 +188,7 @@ def _column(sky, to_eye):
 
 @part
 def _mixed(lobes, row, below, at, over, half, value):
-    """A value of a round lobe, bilinear in the table."""
+    """A value of an isotropic lobe, bilinear in the table."""
     upper = (_1 - over) * lobes[row, at, half, value] + over * lobes[row, at + 1, half, value]
     lower = (_1 - over) * lobes[row + 1, at, half, value] + over * lobes[row + 1, at + 1, half, value]
     return (_1 - below) * upper + below * lower

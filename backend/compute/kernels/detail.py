@@ -1,4 +1,4 @@
-"""Equals `surface.skin_detail.detailed_image`.
+"""Equals `surface.shading_detail.detailed_image`.
 
 Pixels are taken in blocks: what does not read the maps is the same arithmetic for all of them, side by side in rows,
 and so in vector instructions.
@@ -33,7 +33,7 @@ _BUMPED, _BLURRED = 62, 65  # normals
 _ROWS = 68
 
 
-class SeenFaces(NamedTuple):
+class VisibleFaces(NamedTuple):
     """What P pixels see of a surface.
 
     Attributes:
@@ -50,7 +50,7 @@ class SeenFaces(NamedTuple):
 
 
 class PosedSurface(NamedTuple):
-    """A posed fine surface: N vertices, M faces.
+    """A posed detail surface: N vertices, M faces.
 
     Attributes:
         vertices: [N, 3] m.
@@ -82,7 +82,7 @@ class DetailTable(NamedTuple):
 
 
 class DetailConstants(NamedTuple):
-    """Constants of `surface.skin_detail`.
+    """Constants of `surface.shading_detail`.
 
     Attributes:
         least_alpha: of what is divided by it.

@@ -1,6 +1,6 @@
 """Edges: which pixels show two parts, their blend, and means that cross no edge.
 
-As `surface.fine_mesh.seen_surface`, `surface.part_edges.blended` and `image.surface_means.surface_means`.
+As `surface.detail_mesh`, `surface.edge_antialiasing.blended` and `image.edge_avoiding_filter`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _NO_BONE, _MOST_BONE = np.int8(-1), np.int8(127)
 
 
 class PartMarks(NamedTuple):
-    """Which of P pixels show two parts of a surface of M faces (`surface.part_edges`).
+    """Which of P pixels show two parts of a surface of M faces (`surface.edge_antialiasing`).
 
     Attributes:
         between: [P] a depth between both parts, m; 0: depths do not tell any apart.
@@ -211,7 +211,7 @@ def pixel_squares(face_at, on_outline, bits, first, last, covered):
 
 @compiled
 def spread_coverage(covered, on_outline, taps, width, height, first_row, last_row, coverage):
-    """Fill rows [first_row, last_row) of the squares' coverage, spread as `surface.fine_mesh.spread` does."""
+    """Fill rows [first_row, last_row) of the squares' coverage, spread as `surface.detail_mesh.spread` does."""
     near = np.empty(width + 2, np.bool_)
     for y in range(first_row, last_row):
         above, here, below = _rows_around(y, width, height)
@@ -245,7 +245,7 @@ def depth_at_rim(nearest, coverage, width, height, first_row, last_row, depth):
 
 @part
 def _is_first(depth, face, between, bone, marks):
-    """Whether a fragment is of the first part, as `surface.part_edges` has it."""
+    """Whether a fragment is of the first part, as `surface.edge_antialiasing` has it."""
     if between > _0:
         return depth < between
     return face >= 0 and not marks.apart[marks.bone_of_face[face], bone]
@@ -253,7 +253,7 @@ def _is_first(depth, face, between, bone, marks):
 
 @compiled
 def edge_shares(pixel, seen, marks, samples, taps, first, last, share, shows_first):
-    """Fill of slots [first, last) what `surface.part_edges.PartEdges` tells.
+    """Fill of slots [first, last) what `surface.edge_antialiasing.EdgePixels` tells.
 
     `seen` is the first front faces' depth and index at pixels' centres, and the image's width and height.
     """

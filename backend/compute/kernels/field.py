@@ -1,7 +1,7 @@
 """Rays through a field of planes, traced, queried and composited at once, without gradients.
 
-As `field.trace.trace`, `field.encoding.FeaturePlane` and the per-sample half of `field.field.PlaneField`. Each ray is
-followed front to back until it is opaque, so that samples behind the skin are never queried: about half.
+As `field.surface_tracking.trace`, `field.encoding.FeaturePlane` and the per-sample half of `field.field.PlaneField`.
+Each ray is followed front to back until it is opaque, so that samples behind the skin are never queried: about half.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
-from .rays import begin_ray, deepest_part, place_sample, point_at
+from .rays import begin_ray, deepest_part, point_at, put_sample
 from .vectors import LANES, blend_texels, window_sums
 
 _0, _HALF, _1, _2, _MM, _MIN_LENGTH, _MIN_ALPHA = (np.float32(value) for value in (0, 0.5, 1, 2, 1000, 1e-12, 1e-6))
@@ -157,7 +157,7 @@ def _render_ray(ray, rays, crossings, surface, skin, field, units, buffers, out)
     transmittance, weighted_depth = _1, _0
     for index in range(samples):
         offset = (np.float32(index) + _HALF) / np.float32(samples) * total
-        interval, depth = place_sample(offset, start, end, intervals)
+        interval, depth = put_sample(offset, start, end, intervals)
         x, y, z = point_at(rays, ray, depth)
         face, wb, wc, height = deepest_part(
             x, y, z, depth, since[interval], pixel, crossings, surface, current, buffers.tried

@@ -1,4 +1,4 @@
-"""The full-size image of a relightable hand: as `image.relighting`, and `field.rays.view_directions`.
+"""The full-size image of a relightable hand: as `image.shading`, and `field.rays.view_directions`.
 
 Rays are enlarged row by row: a row's pixels stand side by side in a buffer, and the means of three of them are one long
 sum.
@@ -11,13 +11,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .brdf import TINY, bump_shadowing, glossy, leaving_share, mirror, mirroring_normal, of_even_light, on_nail
+from .brdf import (
+    TINY,
+    bump_shadowing,
+    clamped_reflection_normal,
+    ggx,
+    horizon_occlusion,
+    mirror,
+    of_even_light,
+    on_nail,
+)
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
 
 _0, _QUARTER, _HALF, _3Q, _1, _2 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2))
 LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
-"""As in `image.relighting`."""
+"""As in `image.shading`."""
 SCATTERED, DIFFUSE, GLOSS = 3, 9, 12
 """Where these begin among the coefficients."""
 SHALLOW_SCALE = np.float32(1.25)
@@ -64,7 +73,7 @@ class RelitImage(NamedTuple):
 
 
 EnlargedArrays = namedtuple("EnlargedArrays", "coefficients normal alpha")
-"""As `image.relighting.EnlargedRays`."""
+"""As `image.shading.EnlargedRays`."""
 
 
 @compiled
@@ -88,7 +97,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
     lamps, columns = len(image.lamp_rgb), image.light.shape[1]
     here, both, rgb = np.empty(columns, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
     at, around = np.empty(4, np.int64), np.empty(4, np.float32)
-    sky_at, seen_at, near_at = 3 * lamps, 3 * lamps + 9, 3 * lamps + 11
+    sky_at, visible_at, near_at = 3 * lamps, 3 * lamps + 9, 3 * lamps + 11
     scattered_at, arriving_at = 3 * lamps + 17, 3 * lamps + 23
     mirrored, mirroring = np.empty((2, 3), np.float32), np.empty(3, np.float32)
     even, squared, relief = np.empty(2, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
@@ -101,7 +110,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
         normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
         surface_normal, blurred, nail = image.surface_normal[index], image.blurred_normal[index], image.nail[index]
         along, along_blurred = _dot(normal, surface_normal), _dot(blurred, surface_normal)
-        mirroring_normal(normal, surface_normal, view, along, mirroring)
+        clamped_reflection_normal(normal, surface_normal, view, along, mirroring)
         squared[0], squared[1] = on_nail(nail, lobes), image.alpha_squared[index]
         for lobe in range(2):
             even[lobe], mirrored[lobe, 0], mirrored[lobe, 1], mirrored[lobe, 2] = _0, _0, _0, _0
@@ -118,7 +127,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
         to_eye = -_dot(mirroring, view)
         above = _dot(surface_normal, view) + _2 * to_eye * _dot(mirroring, surface_normal)
         for lobe in range(2):
-            leaving = leaving_share(above, to_eye, squared[lobe])
+            leaving = horizon_occlusion(above, to_eye, squared[lobe])
             even[lobe] *= leaving
             for c in range(3):
                 mirrored[lobe, c] *= leaving
@@ -129,8 +138,8 @@ def relit_pixels(image, sky, lobes, first, last, out):
             rgb[c] = (
                 weights[DIFFUSE + c] * (wide + image.sharpness[c] * (sharp - wide)) * under
                 + weights[SCATTERED + c] * here[scattered_at + c] * under
-                + weights[GLOSS] * (here[seen_at] * mirrored[0, c] + here[near_at + c])
-                + weights[GLOSS + 1] * (here[seen_at + 1] * mirrored[1, c] + here[near_at + 3 + c])
+                + weights[GLOSS] * (here[visible_at] * mirrored[0, c] + here[near_at + c])
+                + weights[GLOSS + 1] * (here[visible_at + 1] * mirrored[1, c] + here[near_at + 3 + c])
             )
         relief[:] = _0
         for lamp in range(lamps):
@@ -144,7 +153,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
             gloss = _0
             if facing_mirror > _0:
                 radius_rad = image.lamp_radius_rad[lamp]
-                glossy(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes.squared_index, both)
+                ggx(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes.squared_index, both)
                 gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
                 bent = wide + image.sharpness[c] * (sharp - wide)
@@ -173,7 +182,7 @@ def _dot(a, b):
 
 @compiled
 def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, shares):
-    """Fill shares [P, 4] of pixels [first, last) as `image.relighting.shares_of_rays`.
+    """Fill shares [P, 4] of pixels [first, last) as `image.shading.shares_of_rays`.
 
     `depth_of_rays` [h * w] is infinite where there is no ray, `skin_depth` [H * W] beside the hand.
     """
@@ -212,7 +221,7 @@ def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, sha
 
 @compiled
 def step_normals(at, share, row, width, of_rays, normal, first, last, out):
-    """Fill out [P, 3] for pixels [first, last) as `image.relighting.normals_at_steps`.
+    """Fill out [P, 3] for pixels [first, last) as `image.shading.normals_at_steps`.
 
     `row` [h * w] tells which of the normals `of_rays` [R, 3] a low-resolution pixel has, -1 for none.
     """

@@ -1,4 +1,4 @@
-"""Light at points, as `light.lighting`, and one bounce on the skin, as `light.bounce.bounced`."""
+"""Light at points, as `light.lighting`, and one bounce on the skin, as `light.indirect_diffuse.indirect_diffuse`."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ FeatureArrays = namedtuple("FeatureArrays", "lamp_vectors sky_vectors sky_seen s
 """As those of `light.lighting.LightFeatures` at R points; zero at the start."""
 
 
-class ProbeArrays(NamedTuple):
+class SurfelArrays(NamedTuple):
     """P discs of skin: position and normal [3, P], area [P], and the radiance [3, P] that they shed."""
 
     position: np.ndarray
     normal: np.ndarray
     area_m2: np.ndarray
-    shed: np.ndarray
+    emitted: np.ndarray
 
 
 @compiled
@@ -89,8 +89,8 @@ def light_features(points, sky, lamps, lobes, first, last, out):
 
 
 @compiled
-def openness(towards, normal, lit, first, last, share, mean):
-    """Fill share [R] and mean [R, 3] of points [first, last) as `light.lighting.openness`; the normals are [3, R]."""
+def ambient_occlusion(towards, normal, lit, first, last, share, mean):
+    """Fill share [R] and mean [R, 3] of points [first, last) as `light.lighting.ambient_occlusion`; normals [3, R]."""
     work, sums = np.empty((1, BLOCK), np.float32), np.empty((4, BLOCK), np.float32)
     for start in range(first, last, BLOCK):
         count, begin = min(BLOCK, last - start), np.uintp(start)
@@ -196,7 +196,7 @@ def _arriving_row(towards, lit, work, out):
 
 @part
 def _lobe_row(towards, squared_index, squared, count, eye_term, work, out):
-    """What a lobe reflects of a direction's light, if nothing hides it; as `brdf.glossy`."""
+    """What a lobe reflects of a direction's light, if nothing hides it; as `brdf.ggx`."""
     x, y, z = towards[0], towards[1], towards[2]
     rx, ry, rz = work[_RELIEF], work[_RELIEF + 1], work[_RELIEF + 2]
     vx, vy, vz = work[_VIEW], work[_VIEW + 1], work[_VIEW + 2]
@@ -224,7 +224,7 @@ def _store(start, count, sums, vectors, out):
             for lamp in range(out.lamp_vectors.shape[1]):
                 out.lamp_vectors[start + index, lamp, c] = vectors[3 * lamp + c, index]
         for lobe in range(2):
-            out.sky_seen[start + index, lobe] = sums[_SEEN + lobe, index] / max(sums[_WHOLE + lobe, index], TINY)
+            out.lobe_visibility[start + index, lobe] = sums[_SEEN + lobe, index] / max(sums[_WHOLE + lobe, index], TINY)
 
 
 @part
@@ -297,38 +297,38 @@ def _emitted(along, lamps, k):
 
 
 @compiled
-def bounce(position, normal, probes, first, last, received):
-    """Fill what points [first, last) receive from probes (`ProbeArrays`)."""
-    factors = np.empty(probes.shed.shape[1], np.float32)
+def bounce(position, normal, surfels, first, last, received):
+    """Fill what points [first, last) receive from surfels (`SurfelArrays`)."""
+    factors = np.empty(surfels.emitted.shape[1], np.float32)
     for point in range(first, last):
-        _fill_factors(position[point], normal[point], probes, factors)
-        _fill_received(factors, probes.shed, received[point])
+        _fill_factors(position[point], normal[point], surfels, factors)
+        _fill_received(factors, surfels.emitted, received[point])
 
 
 @part
-def _fill_factors(position, normal, probes, factors):
-    """The form factors of a point and all probes; apart from their sums, so that this becomes vector instructions."""
+def _fill_factors(position, normal, surfels, factors):
+    """The form factors of a point and all surfels; apart from their sums, so that this becomes vector instructions."""
     x, y, z = position[0], position[1], position[2]
     nx, ny, nz = normal[0], normal[1], normal[2]
     for k in range(np.uintp(len(factors))):
-        dx, dy, dz = probes.position[0, k] - x, probes.position[1, k] - y, probes.position[2, k] - z
+        dx, dy, dz = surfels.position[0, k] - x, surfels.position[1, k] - y, surfels.position[2, k] - z
         squared = dx * dx + dy * dy + dz * dz
         here = max(dx * nx + dy * ny + dz * nz, _0)
-        there = max(-(dx * probes.normal[0, k] + dy * probes.normal[1, k] + dz * probes.normal[2, k]), _0)
-        area_m2 = probes.area_m2[k]
+        there = max(-(dx * surfels.normal[0, k] + dy * surfels.normal[1, k] + dz * surfels.normal[2, k]), _0)
+        area_m2 = surfels.area_m2[k]
         factors[k] = here * there * area_m2 / (max(squared, _TOUCHING_SQUARED_M) * (_PI * squared + area_m2))
 
 
 @part
-def _fill_received(factors, shed, out):
+def _fill_received(factors, emitted, out):
     """Fill out [3] with what arrives by these form factors."""
     total, red, green, blue = _0, _0, _0, _0
     for k in range(np.uintp(len(factors))):
         factor = factors[k]
         total += factor
-        red += factor * shed[0, k]
-        green += factor * shed[1, k]
-        blue += factor * shed[2, k]
+        red += factor * emitted[0, k]
+        green += factor * emitted[1, k]
+        blue += factor * emitted[2, k]
     most = max(total, _1)
     out[0] = red / most
     out[1] = green / most

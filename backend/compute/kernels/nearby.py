@@ -1,4 +1,4 @@
-"""Light of what stands around a hand, as `light.surrounding_light.near_light`."""
+"""Light of nearby geometry, as `light.near_field_light.near_field_light`."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class PatchArrays(NamedTuple):
         position: [3, P] m, world.
         normal: [3, P].
         area_m2: [P].
-        shed: [3, P] radiance.
-        open_to: [R, K] share of each of the sky's directions that the hand alone leaves open at each point.
+        emitted: [3, P] radiance.
+        occlusion: [R, K] share of each of the sky's directions that the hand alone leaves open at each point.
         sky_cell: [cells * cells, N] the sky's directions nearest to each cell of directions.
         sky_weight: of these.
         cells: along a side.
@@ -34,35 +34,35 @@ class PatchArrays(NamedTuple):
     position: np.ndarray
     normal: np.ndarray
     area_m2: np.ndarray
-    shed: np.ndarray
-    open_to: np.ndarray
+    emitted: np.ndarray
+    occlusion: np.ndarray
     sky_cell: np.ndarray
     sky_weight: np.ndarray
     cells: int
 
 
 NearArrays = namedtuple("NearArrays", "sky_vectors near_gloss scattered")
-"""As `light.surrounding_light.NearLight` at R points."""
+"""As `light.near_field_light.NearFieldFeatures` at R points."""
 
 
 @compiled
-def near_light(points, patches, lobes, first, last, out):
+def near_field_light(points, patches, lobes, first, last, out):
     """Fill what points [first, last) receive from patches (`PatchArrays`) (`NearArrays`)."""
     work, cells = np.empty((_ROWS, len(patches.area_m2)), np.float32), np.empty(len(patches.area_m2), np.int32)
     for point in range(first, last):
         _fill_factors(points.position[point], patches, work, cells)
-        _hide(patches.sky_cell, patches.sky_weight, cells, patches.open_to[point], work[_FACTOR])
+        _hide(patches.sky_cell, patches.sky_weight, cells, patches.occlusion[point], work[_FACTOR])
         _level(points.relief_normal[point], work)
         for axis in range(3):
             _multiply(work[_FACTOR], work[_TOWARDS + axis], work[_COSINE], work[_VALUE])
-            _fill_sums(work[_VALUE], patches.shed, out.sky_vectors[point, axis])
+            _fill_sums(work[_VALUE], patches.emitted, out.sky_vectors[point, axis])
         for layer in range(2):
             _scatter(points.normal[point], lobes, layer, work, work[_VALUE])
-            _fill_sums(work[_VALUE], patches.shed, out.scattered[point, layer])
+            _fill_sums(work[_VALUE], patches.emitted, out.scattered[point, layer])
             _reflect(
                 points.relief_normal[point], points.view_direction[point], lobes, layer, patches, work, work[_VALUE]
             )
-            _fill_sums(work[_VALUE], patches.shed, out.near_gloss[point, layer])
+            _fill_sums(work[_VALUE], patches.emitted, out.near_field_specular[point, layer])
 
 
 @part
@@ -88,12 +88,12 @@ def _fill_factors(position, patches, work, cells):
 
 
 @part
-def _hide(sky_cell, sky_weight, cells, open_to, factor):
+def _hide(sky_cell, sky_weight, cells, occlusion, factor):
     """Leave of the factors what the hand itself leaves open."""
     for k in range(len(cells)):
         share, cell = _0, cells[k]
         for near in range(sky_cell.shape[1]):
-            share += open_to[sky_cell[cell, near]] * sky_weight[cell, near]
+            share += occlusion[sky_cell[cell, near]] * sky_weight[cell, near]
         factor[k] *= share
 
 
@@ -129,7 +129,7 @@ def _scatter(normal, lobes, layer, work, out):
 
 @part
 def _reflect(relief, view, lobes, lobe, patches, work, out):
-    """What a lobe reflects; as `brdf.glossy`."""
+    """What a lobe reflects; as `brdf.ggx`."""
     x, y, z, factor, distance = work[_TOWARDS], work[_TOWARDS + 1], work[_TOWARDS + 2], work[_FACTOR], work[_DISTANCE]
     to_eye = max(-(relief[0] * view[0] + relief[1] * view[1] + relief[2] * view[2]), GRAZING)
     alpha = lobes.alpha[lobe]
@@ -149,11 +149,11 @@ def _reflect(relief, view, lobes, lobe, patches, work, out):
 
 
 @part
-def _fill_sums(values, shed, out):
+def _fill_sums(values, emitted, out):
     """Fill out [3] with the patches' light times these values."""
     red, green, blue = _0, _0, _0
     for k in range(np.uintp(len(values))):
-        red += values[k] * shed[0, k]
-        green += values[k] * shed[1, k]
-        blue += values[k] * shed[2, k]
+        red += values[k] * emitted[0, k]
+        green += values[k] * emitted[1, k]
+        blue += values[k] * emitted[2, k]
     out[0], out[1], out[2] = red, green, blue

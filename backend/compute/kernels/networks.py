@@ -64,7 +64,7 @@ def decode_rays(inputs, one, two, three, steps, first, last, out):
 
 @compiled
 def decoder_inputs(channels, alpha, view, share, towards, normal, relief, least_alpha, first, last, out):
-    """Fill out [R, C] for rays [first, last) as `field.relightable.LitField.decoder_inputs`.
+    """Fill out [R, C] for rays [first, last) as `field.relightable.RelightableField.decoder_inputs`.
 
     Args:
         channels: [R, K] gathered; the first of them are the decoder's.

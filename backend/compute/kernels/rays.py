@@ -24,7 +24,7 @@ class ShellCrossings(NamedTuple):
         face: [P, L] their faces; a back face f is stored as -1 - f.
         counts: [P] number of crossings.
         inner: [P] depth of the deflated mesh's first front face, m; infinite where there is none.
-        known: [P] depth of a known surface, m; infinite where there is none.
+        known: [P] depth of an avatar's surface, m; infinite where there is none.
         before: as `field.sampler.BEFORE_M`, m.
         behind: as `field.sampler.BEHIND_M`, m.
         least_reach: as `field.sampler.LEAST_REACH_M`, m.
@@ -106,7 +106,7 @@ def trace_samples(rays, offsets, crossings, surface, first, last, out):
         intervals, total, out.is_stopped[ray] = begin_ray(pixel, crossings, start, end, since, part)
         out.dt[ray] = total / np.float32(samples)
         for index in range(samples):
-            interval, depth = place_sample(offsets[ray, index] * total, start, end, intervals)
+            interval, depth = put_sample(offsets[ray, index] * total, start, end, intervals)
             out.t[ray, index] = depth
             x, y, z = point_at(rays, ray, depth)
             face, wb, wc, height = deepest_part(x, y, z, depth, since[interval], pixel, crossings, surface, part, tried)
@@ -210,7 +210,7 @@ def _exit(depths, faces, count, crossing, nesting):
 
 
 @part
-def place_sample(offset, start, end, intervals):
+def put_sample(offset, start, end, intervals):
     """(interval, depth) at an offset into the union of the intervals."""
     index = 0
     while index < intervals - 1 and offset > end[index] - start[index]:

@@ -129,7 +129,7 @@ def _window_around(casters, view, points):
 
 
 @compiled
-def _project(casters, view, window, places, first, last, out):
+def _project(casters, view, window, map_points, first, last, out):
     """Fill out [3, last - first] with x and y, px, and depths of places [3, P] from first to last in a view's window.
 
     A slice of the places would not do: its rows have a stride, and no vector instructions.
@@ -140,7 +140,7 @@ def _project(casters, view, window, places, first, last, out):
     left, top, scale_x, scale_y = window
     begin = np.uintp(first)
     for index in range(np.uintp(last - first)):
-        px, py, pz = places[0, begin + index], places[1, begin + index], places[2, begin + index]
+        px, py, pz = map_points[0, begin + index], map_points[1, begin + index], map_points[2, begin + index]
         depth = distance - (zx * px + zy * py + zz * pz)
         enlarged = distance / (depth if abs(depth) > _NO_DEPTH else _NO_DEPTH)
         out[0, index] = (xx * px + xy * py + xz * pz) * enlarged * scale_x + left

@@ -1,7 +1,7 @@
 """Posed surfaces: the hand's mesh, the finer one on it, and points on either.
 
 As `hand.lbs.skin_motion`, `geometry.mesh.posed_mesh`, `geometry.local_rotation.local_rotations`,
-`surface.fine_mesh.fine_mesh`, `light.bounce.SkinPlaces.of`, and the normals of `surface.ray_hits.ray_hits`.
+`surface.detail_mesh.detail_mesh`, `light.indirect_diffuse.MeshPoints.of`, and normals of `surface.ray_hits.ray_hits`.
 """
 
 from __future__ import annotations
@@ -212,7 +212,7 @@ def vertex_normals(of_faces, start, around, first, last, normals):
 
 
 @compiled
-def skin_places(vertices, faces, face, position, first, last, vertex, weight):
+def mesh_points(vertices, faces, face, position, first, last, vertex, weight):
     """Fill vertex [R, 3] and weight [R, 3] of points [first, last) at position [R, 3]; face [R], -1 for none."""
     for index in range(first, last):
         row, of_face = np.uintp(index), np.uintp(max(face[index], 0))

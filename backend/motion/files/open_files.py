@@ -11,7 +11,7 @@ import numpy as np
 
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
-from ...system.regular_file import is_folder
+from ...system.files import is_folder
 from ..document import SUFFIXES, load_document
 from ..formats import arctic, body, dexycb, freihand, hamer, ho3d, own, raw
 from ..formats.format import Format

@@ -8,8 +8,8 @@ import numpy as np
 
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
-from ...system.atomic_file import replacing
-from ...system.npz_file import npz_bytes
+from ...system.files import replacing
+from ...system.readers import npz_bytes
 from ..document import Document
 from ..motion import HandMotion
 from ..pose_file import PoseFile, pose_file, raw_hand

@@ -1,4 +1,4 @@
-"""Fits all frames of a take at once to landmarks in the picture, through its camera.
+"""Solves symmetric positive definite block systems in which each frame is tied to the next two.
 
 A maximum a posteriori estimate. Lifted landmarks give each joint's place in the picture, with a robust error, and each
 free angle, both with deviations of their own. Free angles have the distribution of natural poses besides, and hard
@@ -19,10 +19,61 @@ import numpy as np
 from ...geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ...hand.joint_limits import FREE
 from .articulation import NaturalPoses, all_angles, within_limits
-from .block_solver import solve_pentadiagonal
 from .initial_pose import aligned_bones, aligned_palm
 from .lifting import LiftedLandmarks
 from .skeleton import NODES_OF_LANDMARKS, HandSkeleton, PosedSkeleton, node_jacobian
+
+
+def solve_pentadiagonal(
+    diagonal: np.ndarray, next_ties: np.ndarray, second_ties: np.ndarray, right: np.ndarray
+) -> np.ndarray:
+    """Solve for [T, n] by block elimination, two frames at a time.
+
+    Args:
+        diagonal: [T, n, n] blocks of each frame.
+        next_ties: [T - 1, n] diagonals of the blocks above them, between each frame and the next.
+        second_ties: [T - 2, n] the same between each frame and the one after next.
+        right: [T, n].
+
+    Raises:
+        numpy.linalg.LinAlgError: the matrix is singular.
+    """
+    count, n = right.shape
+    pairs = (count + 1) // 2
+    k = np.arange(n)
+    blocks = np.zeros((pairs, 2 * n, 2 * n))
+    blocks[:, k, k] = blocks[:, n + k, n + k] = 1  # for the frame that an odd count lacks
+    blocks[:, :n, :n] = diagonal[::2]
+    blocks[: count // 2, n:, n:] = diagonal[1::2]
+    inner = next_ties[::2]
+    blocks[: len(inner), k, n + k] = blocks[: len(inner), n + k, k] = inner
+    ties = np.zeros((max(pairs - 1, 0), 2 * n, 2 * n))
+    ties[: len(next_ties[1::2]), n + k[:, None], k[:, None]] = next_ties[1::2, :, None]
+    ties[: len(second_ties[::2]), k[:, None], k[:, None]] = second_ties[::2, :, None]
+    ties[: len(second_ties[1::2]), n + k[:, None], n + k[:, None]] = second_ties[1::2, :, None]
+    wanted = np.zeros((pairs, 2 * n))
+    wanted[:, :n] = right[::2]
+    wanted[: count // 2, n:] = right[1::2]
+    return _solve_tridiagonal(blocks, ties, wanted).reshape(2 * pairs, n)[:count]
+
+
+def _solve_tridiagonal(blocks: np.ndarray, ties: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve for [P, m] with blocks [P, m, m] and the ties [P - 1, m, m] above them."""
+    eliminated = np.empty((*right.shape, ties.shape[-1] + 1 if len(ties) else 1))
+    block, rest = blocks[0], right[0]
+    for index in range(len(blocks)):
+        if index:
+            above = ties[index - 1]
+            block = blocks[index] - above.T @ eliminated[index - 1, :, 1:]
+            rest = right[index] - above.T @ eliminated[index - 1, :, 0]
+        columns = np.column_stack([rest, ties[index]]) if index < len(ties) else rest[:, None]
+        eliminated[index, :, : columns.shape[1]] = np.linalg.solve(block, columns)
+    solution = np.empty_like(right)
+    solution[-1] = eliminated[-1, :, 0]
+    for index in range(len(blocks) - 2, -1, -1):
+        solution[index] = eliminated[index, :, 0] - eliminated[index, :, 1:] @ solution[index + 1]
+    return solution
+
 
 _COLUMNS = np.concatenate([np.arange(6), 6 + FREE])
 _UNKNOWNS = len(_COLUMNS)
@@ -105,8 +156,8 @@ class CameraProblem:
         free = within_limits(aligned_bones(seen.world, root, self.skeleton, np.zeros(10)))
         wrist = np.zeros((len(root), 3))
         poses = CameraPoses(root, wrist, free)
-        wrist = placed(self.posed(poses).nodes, seen.lifted.places)
-        nearest = _nearest_seen(seen.is_seen)
+        wrist = placed(self.posed(poses).nodes, seen.lifted.picture_points)
+        nearest = _nearest_visible(seen.is_seen)
         filled = [np.interp(seen.times, seen.times[seen.is_seen], column[seen.is_seen]) for column in wrist.T]
         return CameraPoses(root[nearest], np.stack(filled, 1), free[nearest])
 
@@ -147,7 +198,7 @@ class CameraProblem:
         found = []
         for part, seen in self._parts(poses):
             nodes = self.posed(part).nodes
-            off = nodes[..., :2] / nodes[..., 2:] - seen.lifted.places
+            off = nodes[..., :2] / nodes[..., 2:] - seen.lifted.picture_points
             found.append(np.sqrt((off**2).sum(-1).mean(1)) / seen.size)
         return np.where(self.sighting.is_seen, np.concatenate(found), np.nan)
 
@@ -186,13 +237,13 @@ class CameraProblem:
     def _residuals(self, nodes: np.ndarray, seen: Sighting2D) -> np.ndarray:
         """Compute the residuals [T, 21, 2] of the places in the picture, in deviations; zero in unseen frames."""
         depth = np.maximum(nodes[..., 2:], _LEAST_DEPTH_M)
-        return (nodes[..., :2] / depth - seen.lifted.places) * _place_precision(seen)[..., None]
+        return (nodes[..., :2] / depth - seen.lifted.picture_points) * _point_precision(seen)[..., None]
 
     def _slopes(self, nodes: np.ndarray, slopes: np.ndarray, seen: Sighting2D) -> np.ndarray:
         """Compute the slopes [T, 21, 2, 27] of these residuals, from the nodes' own [T, 21, 3, 27]."""
         depth = np.maximum(nodes[..., 2], _LEAST_DEPTH_M)[..., None, None]
         across = slopes[..., :2, :] - nodes[..., :2, None] / depth * slopes[..., 2:, :]
-        return across / depth * _place_precision(seen)[..., None, None]
+        return across / depth * _point_precision(seen)[..., None, None]
 
     def _accelerations(self, poses: CameraPoses) -> np.ndarray:
         """Compute [T - 2, 27] second differences by the frames' times, in deviations."""
@@ -249,15 +300,15 @@ def at_nodes(landmarks: np.ndarray) -> np.ndarray:
     return nodes
 
 
-def placed(points: np.ndarray, places: np.ndarray) -> np.ndarray:
+def placed(points: np.ndarray, picture_points: np.ndarray) -> np.ndarray:
     """Find by how much [T, 3] m points [T, 21, 3] must move to be seen at places [T, 21, 2], by least squares.
 
     (x + X) = u (z + Z) is linear in the translation; dividing by the depth found makes it an error in the picture.
     """
     rows = np.zeros((*points.shape[:2], 2, 3))
     rows[..., 0, 0] = rows[..., 1, 1] = 1
-    rows[..., 2] = -places
-    right = places * points[..., 2:] - points[..., :2]
+    rows[..., 2] = -picture_points
+    right = picture_points * points[..., 2:] - points[..., :2]
     weight, moved = np.ones(points.shape[:2]), np.zeros((len(points), 3))
     for _ in range(_PLACE_STEPS):
         weighted = (rows * weight[..., None, None]).reshape(len(points), -1, 3)
@@ -268,9 +319,9 @@ def placed(points: np.ndarray, places: np.ndarray) -> np.ndarray:
     return moved
 
 
-def _place_precision(seen: Sighting2D) -> np.ndarray:
+def _point_precision(seen: Sighting2D) -> np.ndarray:
     """Compute [T, 21] one over the deviations of places; zero in unseen frames."""
-    return seen.is_seen[:, None] / seen.lifted.places_sd
+    return seen.is_seen[:, None] / seen.lifted.points_sd
 
 
 def _angle_precision(seen: Sighting2D) -> np.ndarray:
@@ -278,7 +329,7 @@ def _angle_precision(seen: Sighting2D) -> np.ndarray:
     return seen.is_seen[:, None] / seen.lifted.free_sd**2
 
 
-def _nearest_seen(is_seen: np.ndarray) -> np.ndarray:
+def _nearest_visible(is_seen: np.ndarray) -> np.ndarray:
     """Find the index [T] of the nearest frame with a hand."""
     seen = np.flatnonzero(is_seen)
     frames = np.arange(len(is_seen))

@@ -49,9 +49,9 @@ def read_joint_name(name_words: list[str]) -> JointName | None:
     return JointName(4 * finger + place if place else None, rest[1] in _OF_PICTURES)
 
 
-def _place(rest: list[str], places: dict[str, int]) -> int | None:
+def _place(rest: list[str], picture_points: dict[str, int]) -> int | None:
     if rest == ["intermediate", "base"]:  # the joints at the ends of the intermediate bone
         return 2
     if rest == ["intermediate", "tip"]:
         return 3
-    return places.get(rest[0]) if len(rest) == 1 else None
+    return picture_points.get(rest[0]) if len(rest) == 1 else None

@@ -23,14 +23,14 @@ class LiftedLandmarks(NamedTuple):
     """What the landmarks of T frames say of a right hand.
 
     Attributes:
-        places: [T, 21, 2] the skeleton's nodes in the picture, as landmarks are given.
-        places_sd: [T, 21] their standard deviations.
+        picture_points: [T, 21, 2] the skeleton's nodes in the picture, as landmarks are given.
+        points_sd: [T, 21] their standard deviations.
         free: [T, 21] free joint angles, rad.
         free_sd: [T, 21] theirs, rad; infinite where nothing is said of them.
     """
 
-    places: np.ndarray
-    places_sd: np.ndarray
+    picture_points: np.ndarray
+    points_sd: np.ndarray
     free: np.ndarray
     free_sd: np.ndarray
 
@@ -40,14 +40,14 @@ Lifting = Callable[[np.ndarray, np.ndarray], LiftedLandmarks]
 focal length, and world landmarks [T, 21, 3] in the camera's axes (OpenCV's), of any scale."""
 
 
-def mediapipe_lifting(places: np.ndarray, world: np.ndarray) -> LiftedLandmarks:
+def mediapipe_lifting(picture_points: np.ndarray, world: np.ndarray) -> LiftedLandmarks:
     """Lift MediaPipe's landmarks by the network."""
-    view = CanonicalView.of(places)
-    mean, log_sd = _network()(view.features(places, world))
+    view = CanonicalView.of(picture_points)
+    mean, log_sd = _network()(view.features(picture_points, world))
     off = mean[:, :42].reshape(-1, 21, 2)
     sd = np.exp(log_sd[:, :42]).reshape(-1, 21, 2).mean(-1)
     return LiftedLandmarks(
-        view.back(view.shown(places) + off), sd * view.size[:, None], mean[:, 42:], np.exp(log_sd[:, 42:])
+        view.back(view.shown(picture_points) + off), sd * view.size[:, None], mean[:, 42:], np.exp(log_sd[:, 42:])
     )
 
 
@@ -67,31 +67,31 @@ class CanonicalView(NamedTuple):
     size: np.ndarray
 
     @classmethod
-    def of(cls, places: np.ndarray) -> CanonicalView:
+    def of(cls, picture_points: np.ndarray) -> CanonicalView:
         """Choose the view of hands with nodes at places [T, 21, 2]."""
-        towards = _along_axis(places.mean(1))
-        ahead = _projected(places, towards)
+        towards = _along_axis(picture_points.mean(1))
+        ahead = _projected(picture_points, towards)
         up = ahead[:, _KNUCKLES].mean(1) - ahead[:, 0]
         turn = _about_axis(np.arctan2(-up[:, 0], -up[:, 1]))
         rotation = turn @ towards
-        shown = _projected(places, rotation)
+        shown = _projected(picture_points, rotation)
         middle = shown.mean(1)
         return cls(rotation, turn, middle, np.sqrt(((shown - middle[:, None]) ** 2).sum(-1).mean(1)))
 
-    def shown(self, places: np.ndarray) -> np.ndarray:
+    def shown(self, picture_points: np.ndarray) -> np.ndarray:
         """Return [T, N, 2] places of the picture in the view."""
-        return (_projected(places, self.rotation) - self.middle[:, None]) / self.size[:, None, None]
+        return (_projected(picture_points, self.rotation) - self.middle[:, None]) / self.size[:, None, None]
 
     def back(self, shown: np.ndarray) -> np.ndarray:
         """Return [T, N, 2] places of the view in the picture."""
         return _projected(shown * self.size[:, None, None] + self.middle[:, None], self.rotation.swapaxes(1, 2))
 
-    def features(self, places: np.ndarray, world: np.ndarray) -> np.ndarray:
+    def features(self, picture_points: np.ndarray, world: np.ndarray) -> np.ndarray:
         """Return [T, 105] what the network gets: places in the view, and the world landmarks turned, of unit size."""
         turned = (world - world.mean(1, keepdims=True)) @ self.turn.swapaxes(1, 2)
         scale = np.sqrt((turned**2).sum(-1).mean(1))[:, None, None]
-        parts = (self.shown(places), turned / scale)
-        return np.concatenate([part.reshape(len(places), -1) for part in parts], 1)
+        parts = (self.shown(picture_points), turned / scale)
+        return np.concatenate([part.reshape(len(picture_points), -1) for part in parts], 1)
 
 
 class LiftingNetwork(NamedTuple):
@@ -126,9 +126,9 @@ def _network() -> LiftingNetwork:
     return LiftingNetwork(values["centre"], values["spread"], layers[0], layers[1])
 
 
-def _along_axis(places: np.ndarray) -> np.ndarray:
+def _along_axis(picture_points: np.ndarray) -> np.ndarray:
     """Compute the shortest rotations [T, 3, 3] that bring the rays through places [T, 2] onto the camera's axis."""
-    rays = _rays(places)
+    rays = _rays(picture_points)
     x, y, z = (rays / np.linalg.norm(rays, axis=-1, keepdims=True)).T
     share = 1 / (1 + z)
     rows = [[1 - x * x * share, -x * y * share, -x], [-x * y * share, 1 - y * y * share, -y], [x, y, z]]
@@ -145,11 +145,11 @@ def _about_axis(angle: np.ndarray) -> np.ndarray:
     return turn
 
 
-def _rays(places: np.ndarray) -> np.ndarray:
-    return np.concatenate([places, np.ones((*places.shape[:-1], 1))], -1)
+def _rays(picture_points: np.ndarray) -> np.ndarray:
+    return np.concatenate([picture_points, np.ones((*picture_points.shape[:-1], 1))], -1)
 
 
-def _projected(places: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+def _projected(picture_points: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Project places [T, N, 2] to where they are seen after rotations [T, 3, 3]."""
-    turned = _rays(places) @ rotation.swapaxes(1, 2)
+    turned = _rays(picture_points) @ rotation.swapaxes(1, 2)
     return turned[..., :2] / turned[..., 2:]

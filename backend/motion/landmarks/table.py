@@ -116,10 +116,10 @@ def _frames_of_rows(plain: Mapping[str, np.ndarray], landmark: str) -> list[list
     xyz = np.stack(coordinates, 1)
     hands = next((plain[key] for key in _HAND_KEYS if key in plain and key != landmark), None)
     names = [str(hand) for hand in hands] if hands is not None else [""] * len(xyz)
-    places, is_mediapipe = _places(plain[landmark], [_is_hand(name) for name in names])
+    positions, is_mediapipe = _positions(plain[landmark], [_is_hand(name) for name in names])
     numbers = _numbers(plain, len(xyz), is_long=True)
     found: dict[tuple[int, str], np.ndarray] = {}
-    for row, (number, name, place) in enumerate(zip(numbers, names, places, strict=True)):
+    for row, (number, name, place) in enumerate(zip(numbers, names, positions, strict=True)):
         if place is not None:
             found.setdefault((number, name), np.full((21, 3), np.nan))[place] = xyz[row]
     frames: list[list[Sighting]] = [[] for _ in range(max((number for number, _ in found), default=-1) + 1)]
@@ -135,7 +135,7 @@ def _is_hand(name: str) -> bool:
     return name.strip().lower() not in ("face", "pose", "body")
 
 
-def _places(landmarks: np.ndarray, is_hand: Sequence[bool]) -> tuple[list[int | None], bool]:
+def _positions(landmarks: np.ndarray, is_hand: Sequence[bool]) -> tuple[list[int | None], bool]:
     """Find the place of each row among the 21 landmarks, and whether they are MediaPipe's."""
     if landmarks.dtype.kind == "f":
         known = sorted({float(value) for value, hand in zip(landmarks, is_hand, strict=True) if hand})

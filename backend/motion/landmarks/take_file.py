@@ -17,7 +17,7 @@ import numpy as np
 from ...hand.model import HandModel
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
-from ...system.atomic_file import replacing
+from ...system.files import replacing
 from ..document import Document
 from ..motion import FPS_RANGE, MOST_FRAMES, HandMotion
 from ..pose_file import FileInfo, check_changes

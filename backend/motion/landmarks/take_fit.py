@@ -140,8 +140,8 @@ def sighted(
     """
     first, count = int(hand.frames[0]), int(hand.frames[-1] - hand.frames[0]) + 1
     rows = hand.frames - first
-    places = (hand.px - np.array(camera.size_px) / 2) / camera.focal_px
-    size = np.ptp(places, axis=1).max(-1)
+    picture_points = (hand.px - np.array(camera.size_px) / 2) / camera.focal_px
+    size = np.ptp(picture_points, axis=1).max(-1)
     if not (size > _LEAST_SIZE).all():
         raise LiveHandError("landmarks in the picture must show a hand of some size, got points in one place")
     world = at_nodes(hand.world)
@@ -151,8 +151,8 @@ def sighted(
         raise LiveHandError(f"world landmarks must be a hand's, in metres, got one {scale:.3g} times as large")
     world = (world - world.mean(1, keepdims=True)) / scale
     mirror = _MIRROR_X if side == "left" else np.ones(3)
-    places, world = at_nodes(places) * mirror[:2], world * mirror
-    lifted = LiftedLandmarks(*(_filled(value, rows, count) for value in lifting(places, world)))
+    picture_points, world = at_nodes(picture_points) * mirror[:2], world * mirror
+    lifted = LiftedLandmarks(*(_filled(value, rows, count) for value in lifting(picture_points, world)))
     is_seen = np.zeros(count, bool)
     is_seen[rows] = True
     parts = (_filled(world, rows, count), _filled(size, rows, count))

@@ -108,7 +108,7 @@ class ANerfNetworks(nn.Module):
         sharpness: float,
         generator: torch.Generator | None,
     ) -> tuple[Tensor, Tensor]:
-        place, cutoff = encoded_places(points_in_bones(rays.points(t), bones).flatten(0, 1), sharpness)
+        place, cutoff = encoded_points(points_in_bones(rays.points(t), bones).flatten(0, 1), sharpness)
         directions = normalize(rays.directions, dim=-1)[:, None, None, :].expand(-1, t.shape[1], JOINTS, 3)
         view = encoded_views(directions_in_bones(directions.flatten(0, 1), bones), cutoff)
         raw, colour = network(place, view)
@@ -119,18 +119,18 @@ class ANerfNetworks(nn.Module):
         return torch.cat([channels, alpha[:, None]], 1), weights
 
 
-def encoded_places(
-    places: Float[Tensor, "S 16 3"], sharpness: float
+def encoded_points(
+    positions: Float[Tensor, "S 16 3"], sharpness: float
 ) -> tuple[Float[Tensor, "S 288"], Float[Tensor, "S 16"]]:
     """Encode places in bones, m, for the trunk, with the cutoff w_k = 1 - sigmoid(sharpness (v_k - t)).
 
     Distances, encoded and times w_k, of all joints; then directions, without cutoff.
     """
-    places = places * BODY_PER_HAND
-    distance = places.norm(dim=-1)
+    positions = positions * BODY_PER_HAND
+    distance = positions.norm(dim=-1)
     cutoff = torch.sigmoid(-sharpness * (distance - CUTOFF))
     waves = positional_encoding(distance[..., None], DISTANCE_OCTAVES) * cutoff[..., None]
-    directions = places / distance.clamp(min=_MIN_DISTANCE)[..., None]
+    directions = positions / distance.clamp(min=_MIN_DISTANCE)[..., None]
     return torch.cat([waves.flatten(1), directions.flatten(1)], 1), cutoff
 
 

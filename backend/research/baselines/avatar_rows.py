@@ -20,12 +20,12 @@ from ...image.superres import SuperResConfig
 from ...records.errors import LiveHandError
 from ...render.renderer import Renderer
 from ...training.checkpoint import checkpoint_path
-from ...training.clock import Clock
 from ...training.config import LossConfig, ReportConfig
 from ...training.loop import Training
 from ...training.parts import Correction
 from ...training.refined_capture import refined_poses
 from ...training.refinement import RefinementConfig
+from ...training.schedule import Clock
 from ...training.setup import TrainingSetup
 from .method import Budget, Fitted, FittingMachine
 from .weights_file import parameter_count

@@ -14,10 +14,9 @@ from tqdm import tqdm
 
 from ...capture.capture import Capture
 from ...training.checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
-from ...training.clock import Clock, Interval
 from ...training.config import TrainConfig
 from ...training.parts import set_rates
-from ...training.schedule import Schedule, ScheduleState
+from ...training.schedule import Clock, Interval, Schedule, ScheduleState
 from ...training.step import SkippedSteps
 from .weights_file import FILE
 

@@ -88,19 +88,19 @@ class LisaField(nn.Module):
         return self.log_b.exp().clamp(min=_MIN_B_MM)
 
     def shapes(
-        self, places_mm: Float[Tensor, "S 16 3"], encoded: Float[Tensor, "16 S 39"], theta: Float[Tensor, " 48"]
+        self, points_mm: Float[Tensor, "S 16 3"], encoded: Float[Tensor, "16 S 39"], theta: Float[Tensor, " 48"]
     ) -> tuple[Float[Tensor, "S 16"], Float[Tensor, "S 16"]]:
         """Compute each bone's signed distance, mm, and its weight's logit; both start from the bone's capsule."""
         found = self.shape(encoded, theta)
-        capsule = capsule_distance(places_mm, self.segments_mm, self.radius_mm)
+        capsule = capsule_distance(points_mm, self.segments_mm, self.radius_mm)
         return capsule + found[..., 0].T, found[..., 1].T - capsule / _SOFTNESS_MM
 
     def forward(
-        self, places_mm: Float[Tensor, "S 16 3"], theta: Float[Tensor, " 48"]
+        self, points_mm: Float[Tensor, "S 16 3"], theta: Float[Tensor, " 48"]
     ) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 3"], Float[Tensor, "S 16"]]:
         """Blended signed distance, mm, colour, and the bones' log weights."""
-        encoded = encoded_in_bones(places_mm)
-        distance, logit = self.shapes(places_mm, encoded, theta)
+        encoded = encoded_in_bones(points_mm)
+        distance, logit = self.shapes(points_mm, encoded, theta)
         colour = self.colour(encoded, theta).permute(1, 0, 2).sigmoid()
         return (*blended(distance, colour, logit), logit.log_softmax(-1))
 
@@ -120,11 +120,11 @@ def laplace_density(distance: Float[Tensor, "*n"], b: Tensor) -> Float[Tensor, "
 
 
 def capsule_distance(
-    places: Float[Tensor, "S 16 3"], segments: Float[Tensor, "16 M 2 3"], radius: Float[Tensor, " 16"]
+    positions: Float[Tensor, "S 16 3"], segments: Float[Tensor, "16 M 2 3"], radius: Float[Tensor, " 16"]
 ) -> Float[Tensor, "S 16"]:
     """Compute distance to the nearest of each bone's lines, less its radius."""
     start, along = segments[:, :, 0], segments[:, :, 1] - segments[:, :, 0]
-    offset = places[:, :, None, :] - start
+    offset = positions[:, :, None, :] - start
     share = ((offset * along).sum(-1) / (along**2).sum(-1).clamp(min=1e-9)).clamp(0, 1)
     squared = ((offset - share[..., None] * along) ** 2).sum(-1).amin(-1)
     return squared.clamp(min=1e-9).sqrt() - radius
@@ -161,8 +161,8 @@ def render_rays(
     """Render RGBA, and of all samples the bones' log weights and the places in the world, m."""
     t = rays.stratified(SAMPLES, generator)
     points = rays.points(t).flatten(0, 1)
-    places_mm = 1000 / rays.scale * points_in_bones(points, bones)
-    distance, colour, log_weights = field(places_mm, theta.flatten())
+    points_mm = 1000 / rays.scale * points_in_bones(points, bones)
+    distance, colour, log_weights = field(points_mm, theta.flatten())
     density = laplace_density(distance, field.b_mm).reshape(t.shape)
     channels, alpha, _ = composite_steps(density, colour.reshape(*t.shape, 3), rays.steps_mm(t))
     return torch.cat([channels, alpha[:, None]], 1), log_weights, points
@@ -249,19 +249,19 @@ def _loss(
 
 def _eikonal(field: LisaField, points: Float[Tensor, "S 3"], part: RayBatch) -> Tensor:
     """Compute mean squared difference from 1 of the blended distance's slope."""
-    places = (points * 1000 / part.rays.scale).detach().requires_grad_()
+    positions = (points * 1000 / part.rays.scale).detach().requires_grad_()
     bones = part.bones.clone()
     bones[:, :3, 3] *= 1000 / part.rays.scale
-    in_bones = points_in_bones(places, bones)
+    in_bones = points_in_bones(positions, bones)
     distance, logit = field.shapes(in_bones, encoded_in_bones(in_bones), part.theta.flatten())
     blend = (logit.softmax(-1) * distance).sum()
-    (slope,) = torch.autograd.grad(blend, places, create_graph=True)
+    (slope,) = torch.autograd.grad(blend, positions, create_graph=True)
     return ((slope.norm(dim=-1) - 1) ** 2).mean()
 
 
-def encoded_in_bones(places_mm: Float[Tensor, "S 16 3"]) -> Float[Tensor, "16 S 39"]:
+def encoded_in_bones(points_mm: Float[Tensor, "S 16 3"]) -> Float[Tensor, "16 S 39"]:
     """Encode the networks' inputs, bone by bone."""
-    return positional_encoding(places_mm / UNIT_MM, OCTAVES).transpose(0, 1)
+    return positional_encoding(points_mm / UNIT_MM, OCTAVES).transpose(0, 1)
 
 
 def _uniform(*shape: int, fan: int) -> nn.Parameter:

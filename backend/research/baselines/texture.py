@@ -117,11 +117,11 @@ class TextureSum:
         colour = self._colour / self._weight.clamp(min=1e-12)[:, None]
         filled = 1 - float(is_seen.float().mean())
         if 0 < filled < 1:
-            places = interpolate(template, self.topology, self.texels.samples).cpu().numpy()
+            positions = interpolate(template, self.topology, self.texels.samples).cpu().numpy()
             seen = is_seen.cpu().numpy()
             known = np.flatnonzero(seen)
             known = known[:: -(-len(known) // _FILL_POINTS)]
-            _, nearest = KDTree(places[known]).query(places[~seen], eps=0.1)
+            _, nearest = KDTree(positions[known]).query(positions[~seen], eps=0.1)
             colour[~is_seen] = colour[torch.as_tensor(known[nearest], device=colour.device)]
         return dilated(self.texels.texel, colour, self.texels.resolution), filled
 

@@ -12,9 +12,8 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from ...records.errors import LiveHandError
-from ...system.atomic_file import replacing
-from ...system.json_file import parse_json
-from ...system.regular_file import check_regular
+from ...system.files import check_regular, replacing
+from ...system.readers import parse_json
 
 FILE = "method.safetensors"
 """Its name in the row's folder."""

@@ -18,12 +18,12 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from ...avatars.avatar import Avatar
 from ...field.field import CHANNELS, PlaneField
-from ...field.relightable import LitField
+from ...field.relightable import RelightableField
 from ...field.sampler import SamplerConfig
 from ...geometry.mesh import vertex_normals
 from ...hand.model import HandModel
 from ...image.crop import MARGIN_PX
-from ...image.superres import LIT_DETAIL, LIT_MAPS, LitSuperRes
+from ...image.superres import RELIGHTABLE_DETAIL, RELIGHTABLE_MAPS, RelightableSuperRes
 from ...light.lighting import COEFFICIENTS
 from ...light.sky_samples import SKY_DIRECTIONS
 from ...records.camera import Camera
@@ -168,7 +168,9 @@ def superres_work(counts: Counts, superres: nn.Module, number_bytes: int) -> Wor
     Of a relightable avatar, it reads 34 maps and writes 12.
     """
     width, height = counts.crop_px
-    read, written = (LIT_MAPS, LIT_DETAIL) if isinstance(superres, LitSuperRes) else (CHANNELS + 1, 4)
+    read, written = (
+        (RELIGHTABLE_MAPS, RELIGHTABLE_DETAIL) if isinstance(superres, RelightableSuperRes) else (CHANNELS + 1, 4)
+    )
     network = copy.deepcopy(superres).float().to("meta")
     with FlopCounterMode(display=False) as counter, torch.inference_mode():
         network(torch.empty(1, read, height, width, device="meta"))
@@ -205,7 +207,7 @@ def stage_work(counts: Counts, avatar: Avatar, number_bytes: int) -> dict[str, W
         "field": field_work(counts, avatar.field, number_bytes),
         "volume": volume_work(counts, number_bytes),
         "superres": superres_work(counts, avatar.superres, number_bytes),
-        **({"light": light_work(counts)} if isinstance(avatar.field, LitField) else {}),
+        **({"light": light_work(counts)} if isinstance(avatar.field, RelightableField) else {}),
         "decode": decode_work(counts),
     }
 

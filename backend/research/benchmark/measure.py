@@ -1,10 +1,16 @@
-"""The benchmark: memory first, then every size in rounds over the moving hand."""
+"""The least time a stage can take on a machine: its arithmetic at peak or its bytes at bandwidth, the longer one.
+
+On the CPU this is the process's resident memory, which includes what earlier configurations left in the allocator: a
+peak is an upper bound. On CUDA it is the memory that torch has allocated.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -13,12 +19,70 @@ import torch
 from ...hand.model import HandModel
 from .cases import PUBLISHED, WRITE, Configuration, timed_frame, timed_write
 from .counts import Work, counts_of, stage_work
-from .floor import floors_ms
 from .machine import Peaks, measure_peaks
-from .memory import memory_mb, peak_mb, reset_peak
 from .motion import MotionFrame, MovingHand
 from .rounds import Case, Results, measure_rounds
 from .stopwatch import Stages, Stopwatch, stopwatch_of
+
+# The stage that does the work of a stage that a renderer does not report: in the fused backend, which reports
+# `rasterise`, and in the reference backend.
+_DONE_WITHIN_FUSED = {"gather": "sample", "volume": "sample"}
+_DONE_WITHIN_REFERENCE = {"rasterise": "sample", "gather": "field", "volume": "field"}
+
+
+def floor_ms(work: Work, peaks: Peaks, precision: str) -> float:
+    """Compute one stage's floor; `precision` is that of the networks."""
+    is_half = work.unit == "network" and precision == "bf16"
+    arithmetic_s = work.flop / (peaks.reduced_flops if is_half else peaks.fp32_flops)
+    return 1000 * max(arithmetic_s, work.bytes / peaks.bytes_per_s)
+
+
+def floors_ms(works: Mapping[str, Work], peaks: Peaks, precision: str, reported: Iterable[str]) -> dict[str, float]:
+    """Compute the floors of the reported stages; that of any other stage is added to the stage that does its work."""
+    floors = dict.fromkeys(reported, 0.0)
+    done_within = _DONE_WITHIN_FUSED if "rasterise" in floors else _DONE_WITHIN_REFERENCE
+    for stage, work in works.items():
+        owner = stage if stage in floors else done_within.get(stage, stage)
+        if owner in floors:
+            floors[owner] += floor_ms(work, peaks, precision)
+    return floors
+
+
+_STATUS = Path("/proc/self/status")
+_CLEAR = Path("/proc/self/clear_refs")
+_RESET_PEAK = "5"  # see proc(5)
+
+
+def memory_mb(device: torch.device) -> float | None:
+    """Read the memory in use now; None where the system does not report it."""
+    if device.type == "cuda":
+        return torch.cuda.memory_allocated(device) / 1e6
+    return _status_mb("VmRSS")
+
+
+def reset_peak(device: torch.device) -> None:
+    """Forget the peak so far."""
+    if device.type == "cuda":
+        torch.cuda.reset_peak_memory_stats(device)
+        return
+    with suppress(OSError):
+        _CLEAR.write_text(_RESET_PEAK)
+
+
+def peak_mb(device: torch.device) -> float | None:
+    """Read the peak since the last reset; None where the system does not report it."""
+    if device.type == "cuda":
+        return torch.cuda.max_memory_allocated(device) / 1e6
+    return _status_mb("VmHWM")
+
+
+def _status_mb(name: str) -> float | None:
+    """Read an entry of /proc/self/status, which only Linux has."""
+    if not _STATUS.is_file():
+        return None
+    lines = [line for line in _STATUS.read_text().splitlines() if line.startswith(f"{name}:")]
+    return int(lines[0].split()[1]) * 1024 / 1e6 if lines else None
+
 
 Size = tuple[int, int]
 CyclesRender = Callable[[MotionFrame, int], Stages]

@@ -10,8 +10,8 @@ import numpy as np
 
 from ...evaluation.contact_sheet import ERROR_GAIN, label_strip, on_background, save_sheet
 from ...records.errors import LiveHandError
-from ...system.atomic_file import replacing
-from ...system.npz_file import npz_bytes, read_npz
+from ...system.files import replacing
+from ...system.readers import npz_bytes, read_npz
 
 GRID, ERRORS = "grid.png", "errors.png"
 _PART = 0.4  # of the picture's sides

@@ -16,8 +16,8 @@ from ...evaluation.distributions import Distributions, FeatureNetwork, HandVggFe
 from ...evaluation.evaluate import ViewScore, check_any, scored_views, spaced_views
 from ...evaluation.perceptual.inception import load_inception
 from ...evaluation.perceptual.vgg import PerceptualLoss
+from ...evaluation.report import Summary, by_split
 from ...evaluation.shot_renderer import ShotRenderer
-from ...evaluation.summary import Summary, by_split
 
 GRID_VIEWS = 6
 

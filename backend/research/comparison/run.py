@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ...capture.capture import Capture, Split
-from ...evaluation.report import scores_csv, write_text
-from ...evaluation.summary import Summary
+from ...evaluation.report import Summary, scores_csv, write_text
 from ...hand.model import HandModel
 from ...records.errors import LiveHandError
 from ..baselines.method import Budget, Fitted, FittingMachine

@@ -1,4 +1,7 @@
-"""Makes a hand model in MANO's format from a user's skinned mesh, for captures and avatars of that mesh.
+"""A joint regressor: joints as weighted sums of the vertices around them.
+
+A bone that is not a joint (a metacarpal, a tip, a twist bone) moves with the nearest joint above it. Bones above the
+wrist or beside it belong to no joint.
 
 The model has the mesh's own vertices and weights, the template's frame, and a new atlas. Its shape directions and pose
 correctives are zero.
@@ -15,22 +18,164 @@ from typing import Any
 import numpy as np
 
 from ...geometry.mesh_tables import connected_components
+from ...geometry.rotation import rotation_between
 from ...hand.atlas import unwrap
 from ...hand.cap import capped
-from ...hand.model import JOINT_NAMES, PARENTS
+from ...hand.model import JOINT_NAMES, MIRROR_POINT, PARENTS
 from ...hand.model_file import load_default_hand
 from ...records.errors import LiveHandError
 from ...records.side import Side
-from ...system.atomic_file import replacing
-from ...system.npz_file import npz_bytes
+from ...system.files import replacing
+from ...system.readers import npz_bytes
 from ..natural_range import rest_pose, unnatural_joints
 from ..rest_alignment import RestAlignment, align, completed_joints
 from ..source_skeleton import JointMap, SourceSkeleton
 from .cut import HandCut, Wrist, cut_hand
-from .joint_weights import joint_weights, joints_of_bones
-from .regressor import joint_regressor
 from .skinned_surface import SkinnedSurface
-from .template_frame import hand_length_m, world2template
+
+_LEAST_VERTICES = 24  # with a weight
+_EXACT_M = 1e-9
+
+
+def joint_regressor(vertices: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Solve for [16, V], rows of sum 1 that give the joints exactly, of least norm on the vertices nearest to each.
+
+    Args:
+        vertices: [V, 3] m.
+        joints: [16, 3] m.
+
+    Raises:
+        LiveHandError: all vertices lie in one plane and a joint outside it.
+    """
+    return np.array([_row(vertices, joint) for joint in joints])
+
+
+def _row(vertices: np.ndarray, joint: np.ndarray) -> np.ndarray:
+    distance = np.linalg.norm(vertices - joint, axis=1)
+    order, count = np.argsort(distance, kind="stable"), _LEAST_VERTICES
+    while True:
+        near = order[:count]
+        weights = _weights(vertices[near] - joint)
+        if np.linalg.norm(weights @ vertices[near] - joint) < _EXACT_M:
+            row = np.zeros(len(vertices))
+            row[near] = weights
+            return row
+        if count >= len(vertices):
+            raise LiveHandError(
+                "a hand must have a volume, got vertices that all lie in one plane; choose its own mesh"
+            )
+        count *= 2
+
+
+def _weights(offsets: np.ndarray) -> np.ndarray:
+    """Solve for weights [n] of least norm, with sum 1 and a weighted mean offset of 0."""
+    size = np.linalg.norm(offsets, axis=1).max()
+    rows = np.vstack([np.ones(len(offsets)), offsets.T / size])
+    weights, *_ = np.linalg.lstsq(rows, np.array([1.0, 0, 0, 0]), rcond=None)
+    return weights
+
+
+NO_JOINT = -1
+# Control rigs have several bones at the wrist: heads closer than this share of the hand's length count as one.
+_SAME_PLACE = 0.01
+
+
+def joints_of_bones(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray:
+    """Find the joint [B] that each bone moves with; `NO_JOINT` for bones that are not part of the hand.
+
+    Raises:
+        LiveHandError: the map names a bone that the skeleton lacks.
+    """
+    joint_of = np.full(len(skeleton.names), NO_JOINT)
+    joints = [joint for joint, name in enumerate(joint_map.bones) if name]
+    bones = [skeleton.index(joint_map.drivers[joint]) for joint in joints]
+    joint_of[_wrists(skeleton, bones)] = 0
+    joint_of[bones] = joints
+    for bone, parent in enumerate(skeleton.parents):  # parents come first
+        if joint_of[bone] == NO_JOINT and parent >= 0:
+            joint_of[bone] = joint_of[parent]
+    return joint_of
+
+
+def joint_weights(weights: np.ndarray, joint_of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Collect weights of the joints [N, 16], rows of sum 1, from the bones' [N, B], and the hand's share [N].
+
+    Weights of other bones, such as the forearm, are given to the wrist, so that the stump moves with it.
+    """
+    total = weights.sum(1, keepdims=True)
+    own = weights / np.where(total > 0, total, 1)
+    of_joints = np.zeros((len(weights), 16))
+    for joint in range(16):
+        of_joints[:, joint] = own[:, joint_of == joint].sum(1)
+    share = of_joints.sum(1)
+    of_joints[:, 0] += 1 - share
+    return of_joints, share
+
+
+def _wrists(skeleton: SourceSkeleton, bones: list[int]) -> list[int]:
+    """List the ancestors of the fingers that begin where the wrist does."""
+    size_m = np.linalg.norm(skeleton.heads[bones] - skeleton.heads[bones[0]], axis=1).max()
+    above = {ancestor for bone in bones[1:] for ancestor in skeleton.ancestors(bone)}
+    near = np.linalg.norm(skeleton.heads - skeleton.heads[bones[0]], axis=1) < _SAME_PLACE * size_m
+    return [bone for bone in sorted(above) if near[bone]]
+
+
+_KNUCKLES = [1, 4, 7, 10]
+_LAST_JOINTS = [3, 6, 9, 12]
+_THUMB_TIP = 15
+SMALLEST_M, LARGEST_M = 0.1, 0.3  # from the wrist to the middle fingertip
+# Fingers that bend backwards by more than this share of the hand's length show that the side is wrong.
+_MOST_BACKWARDS = 0.06
+
+
+def world2template(joints: np.ndarray, side: Side) -> np.ndarray:
+    """Fit the rigid transform [4, 4] from the world of the joints [16, 3] m to the template's frame.
+
+    The wrist is moved to the built-in hand's, then the knuckles are aligned with its knuckles by rotation (Kabsch).
+
+    Raises:
+        LiveHandError: the joints have the wrong size, or seem to be those of the other side.
+    """
+    builtin = load_default_hand().joints * (1 if side == "right" else MIRROR_POINT)
+    check_size(joints)
+    knuckles, wanted = joints[_KNUCKLES] - joints[0], builtin[_KNUCKLES] - builtin[0]
+    rotation = rotation_between(knuckles, wanted)
+    _check_side((joints - joints[0]) @ rotation.T, side)
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, builtin[0] - rotation @ joints[0]
+    return matrix
+
+
+def hand_length_m(joints: np.ndarray) -> float:
+    """Measure from the wrist along the middle finger to its tip, taken to be a last bone beyond the last joint."""
+    steps = np.linalg.norm(np.diff(joints[[0, 4, 5, 6]], axis=0), axis=1)
+    return float(steps.sum() + steps[-1])
+
+
+def check_size(joints: np.ndarray) -> None:
+    """Raise `LiveHandError` unless the joints have the size of a hand in metres; the message suggests a unit."""
+    length = hand_length_m(joints)
+    if SMALLEST_M <= length <= LARGEST_M:
+        return
+    units = {"centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254, "decimetres": 0.1}
+    fitting = [(unit, scale) for unit, scale in units.items() if SMALLEST_M <= length * scale <= LARGEST_M]
+    guess = f"it seems to be in {fitting[0][0]}: scale it by {fitting[0][1]:g}" if fitting else "scale it"
+    raise LiveHandError(
+        f"a hand must be {SMALLEST_M} to {LARGEST_M} m long from wrist to middle fingertip, got {length:.3g} m; {guess}"
+    )
+
+
+def _check_side(joints: np.ndarray, side: Side) -> None:
+    """Raise `LiveHandError` if the resting fingers bend backwards."""
+    length = hand_length_m(joints)
+    backwards = joints[_LAST_JOINTS, 1].mean() + joints[_THUMB_TIP, 1]  # +Y is the back of either hand
+    if backwards > _MOST_BACKWARDS * length:
+        other = "left" if side == "right" else "right"
+        raise LiveHandError(
+            f"a resting hand's fingers must bend towards its palm; these are bent {1e3 * backwards:.0f} mm backwards "
+            f"as a {side} hand's: choose the {other} side, or correct the order of its fingers"
+        )
+
 
 FEWEST_VERTICES, MOST_VERTICES = 100, 20_000
 _LEAST_WEIGHT = 0.1  # of a joint, in the vertex that it moves most

@@ -31,8 +31,8 @@ def chosen_frames(motion: HandMotion, doubt: np.ndarray, blur: np.ndarray) -> np
     """
     badness = doubt / max(float(np.median(doubt)), 1e-9) + blur / max(float(np.median(blur)), 1e-9)
     best = np.argsort(badness, kind="stable")[: max(1, round(_KEPT_SHARE * len(motion)))]
-    places = _places(motion)[best]
-    kept = _apart(places, _LEAST_APART_RAD)
+    points = _points(motion)[best]
+    kept = _apart(points, _LEAST_APART_RAD)
     if len(kept) < LEAST_CHOSEN:
         raise LiveHandError(
             f"a capture needs a hand that turns: at least {LEAST_CHOSEN} sharp frames of poses that differ, "
@@ -41,7 +41,7 @@ def chosen_frames(motion: HandMotion, doubt: np.ndarray, blur: np.ndarray) -> np
     near, far = _LEAST_APART_RAD, _MOST_APART_RAD
     for _ in range(_HALVINGS if len(kept) > MOST_CHOSEN else 0):
         middle = (near + far) / 2
-        some = _apart(places, middle)
+        some = _apart(points, middle)
         if len(some) > MOST_CHOSEN:
             near = middle
         else:
@@ -75,19 +75,19 @@ def blur_of(picture: np.ndarray) -> float:
     return min(1.0, max(blurs, default=1.0))
 
 
-def _places(motion: HandMotion) -> np.ndarray:
+def _points(motion: HandMotion) -> np.ndarray:
     """[T, 54] in which the distance of two frames is the hand's turn and the fingers' mean turn, rad, nearly."""
     count = len(motion)
     root = axis_angle_to_matrix(motion.theta[:, 0]).reshape(count, 9) / np.sqrt(2)
     return np.concatenate([root, motion.theta[:, 1:].reshape(count, 45) / np.sqrt(15)], 1)
 
 
-def _apart(places: np.ndarray, distance: float) -> np.ndarray:
+def _apart(points: np.ndarray, distance: float) -> np.ndarray:
     """Indices of places that are at least so far from all that were taken before them."""
     taken: list[int] = []
-    nearest = np.full(len(places), np.inf)
-    for index in range(len(places)):
+    nearest = np.full(len(points), np.inf)
+    for index in range(len(points)):
         if nearest[index] >= distance:
             taken.append(index)
-            nearest = np.minimum(nearest, np.linalg.norm(places - places[index], axis=1))
+            nearest = np.minimum(nearest, np.linalg.norm(points - points[index], axis=1))
     return np.array(taken)

@@ -47,11 +47,11 @@ def shape_of(fit: TakeFit, take: FilmedTake, side: Side, model: HandModel, lifti
     normal, right = np.eye(10), np.zeros(10)
     share = min(1.0, _COUNTED_FRAMES / max(int(seen.is_seen.sum()), 1))
     for frame in np.flatnonzero(seen.is_seen):
-        weight = 1 / seen.lifted.places_sd[frame]
+        weight = 1 / seen.lifted.points_sd[frame]
         slope = _slopes(nodes[frame], weight)
         rows = (slope @ of_beta[frame]).reshape(42, 10)
-        places = nodes[frame, :, :2] / nodes[frame, :, 2:]
-        off = ((seen.lifted.places[frame] - places) * weight[:, None]).reshape(42) + rows @ beta
+        picture_points = nodes[frame, :, :2] / nodes[frame, :, 2:]
+        off = ((seen.lifted.picture_points[frame] - picture_points) * weight[:, None]).reshape(42) + rows @ beta
         basis, _ = np.linalg.qr(np.concatenate([slope, slope @ _turned(arms[frame])], -1).reshape(42, 6))
         rows = rows - basis @ (basis.T @ rows)  # what place and turn cannot do
         normal += share * rows.T @ rows

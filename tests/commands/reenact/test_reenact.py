@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from livehand.backend.commands.reenact.filmed_shots import FilmedShots
-from livehand.backend.commands.reenact.motion_blur import exposed, path_px, sample_count
 from livehand.backend.commands.reenact.overlay import colour_gain, faded, over, smooth_gains, wrist_fade
-from livehand.backend.commands.reenact.plate import clean_plate, filled
+from livehand.backend.commands.reenact.reenactment import clean_plate, exposed, filled, path_px, sample_count
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.take_fit import FilmCamera, TakeFit
@@ -57,9 +56,9 @@ def test_the_arm_lies_below_a_hand_that_points_up(shots):
     assert along @ [0, 0, -1] > 0.95
     assert reach_m == pytest.approx((shot.vertices @ along).max())
     front = shots.before_the_cut(shot)
-    places, _ = shot.camera.project(shot.vertices)
-    low, high = int(places[:, 1].min()), int(places[:, 1].max())
-    column = int(places[:, 0].mean())
+    points, _ = shot.camera.project(shot.vertices)
+    low, high = int(points[:, 1].min()), int(points[:, 1].max())
+    column = int(points[:, 0].mean())
     assert front[low, column] == 1
     if high + 3 < 72:
         assert front[high + 3, column] == 0

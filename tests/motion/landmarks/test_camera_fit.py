@@ -10,22 +10,28 @@ from livehand.backend.hand.joint_limits import LIMITS
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.articulation import NaturalPoses, all_angles
-from livehand.backend.motion.landmarks.block_solver import solve_pentadiagonal
-from livehand.backend.motion.landmarks.camera_fit import CameraPoses, CameraProblem, FitWeights, Sighting2D, placed
+from livehand.backend.motion.landmarks.camera_fit import (
+    CameraPoses,
+    CameraProblem,
+    FitWeights,
+    Sighting2D,
+    placed,
+    solve_pentadiagonal,
+)
 from livehand.backend.motion.landmarks.lifting import LiftedLandmarks
 from livehand.backend.motion.landmarks.skeleton import HandSkeleton, node_jacobian
 from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take, sighted
 from livehand.backend.motion.motion import HandMotion, mirrored
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.records.errors import LiveHandError
-from livehand.tests.builders import joints_as_seen
+from livehand.tests.builders import joints_as_tracked
 
 pytestmark = pytest.mark.slow
 
 HAND = load_default_hand()
 SKELETON = HandSkeleton.of(HAND)
 CAMERA = FilmCamera((640, 480), 620.0)
-EXACT = partial(joints_as_seen, deviation=0.005)
+EXACT = partial(joints_as_tracked, deviation=0.005)
 
 
 def fitted(hand, times, side="right", fps=30.0, **more):
@@ -190,13 +196,13 @@ def test_a_step_goes_down_the_slope_of_the_cost(made, seen):
     _, points = made(3)
     rng = np.random.default_rng(0)
 
-    def told(places, world):
-        return joints_as_seen(places, world)._replace(
+    def reported(picture_points, world):
+        return joints_as_tracked(picture_points, world)._replace(
             free=rng.normal(size=(3, 21)) * 0.1, free_sd=np.full((3, 21), 0.2)
         )
 
     offsets = SKELETON.offsets(np.zeros(10))
-    sighting = sighted(seen(points), np.arange(3) / 30, CAMERA, "right", offsets, told)
+    sighting = sighted(seen(points), np.arange(3) / 30, CAMERA, "right", offsets, reported)
     problem = CameraProblem(sighting, SKELETON, offsets, NaturalPoses.of_library(), FitWeights())
     start = problem.initial()
     poses = CameraPoses(start.root, start.wrist, np.clip(start.free, LIMITS[:, 0] + 0.01, LIMITS[:, 1] - 0.01))

@@ -11,7 +11,7 @@ from livehand.backend.motion.landmarks.camera_fit import at_nodes
 from livehand.backend.motion.landmarks.lifting import CanonicalView, LiftingNetwork, mediapipe_lifting
 from livehand.backend.motion.landmarks.online_fit import OnlineFit
 from livehand.backend.motion.landmarks.take_fit import FilmCamera
-from livehand.tests.builders import joints_as_seen
+from livehand.tests.builders import joints_as_tracked
 from torch import nn
 
 WRIST, KNUCKLES = 0, [1, 5, 13]
@@ -31,10 +31,10 @@ def sights():
         }
 
 
-def turned(places, degrees):
+def turned(picture_points, degrees):
     """Places of the same hand before a camera that is turned about its axis."""
     matrix = axis_angle_to_matrix(np.deg2rad([0, 0, degrees]))
-    return places @ matrix[:2, :2].T, matrix
+    return picture_points @ matrix[:2, :2].T, matrix
 
 
 def test_in_its_view_a_hand_is_in_the_middle_upright_and_of_unit_size(sights):
@@ -59,9 +59,9 @@ def test_the_view_looks_along_the_ray_through_the_hand(sights):
 
 def test_a_turned_camera_changes_nothing_but_the_places(sights):
     usual = mediapipe_lifting(sights["places"], sights["world"])
-    places, matrix = turned(sights["places"], 130)
-    other = mediapipe_lifting(places, sights["world"] @ matrix.T)
-    np.testing.assert_allclose(other.places, turned(usual.places, 130)[0], atol=1e-7)
+    picture_points, matrix = turned(sights["places"], 130)
+    other = mediapipe_lifting(picture_points, sights["world"] @ matrix.T)
+    np.testing.assert_allclose(other.picture_points, turned(usual.picture_points, 130)[0], atol=1e-7)
     for name in ("free", "free_sd", "places_sd"):
         np.testing.assert_allclose(getattr(other, name), getattr(usual, name), atol=1e-6)
 
@@ -88,9 +88,9 @@ def test_inputs_that_training_never_saw_are_clipped():
 
 
 def test_joints_that_are_seen_stay_where_they_are(sights):
-    lifted = joints_as_seen(sights["places"], sights["world"], deviation=0.01)
-    np.testing.assert_array_equal(lifted.places, sights["places"])
-    np.testing.assert_allclose(lifted.places_sd[:, 3], 0.01 * np.ptp(sights["places"], axis=1).max(-1))
+    lifted = joints_as_tracked(sights["places"], sights["world"], deviation=0.01)
+    np.testing.assert_array_equal(lifted.picture_points, sights["places"])
+    np.testing.assert_allclose(lifted.points_sd[:, 3], 0.01 * np.ptp(sights["places"], axis=1).max(-1))
     assert np.isinf(lifted.free_sd).all()
 
 
@@ -99,13 +99,13 @@ def test_lifted_joints_are_nearer_to_the_truth_than_landmarks_and_know_how_near(
     lifted = mediapipe_lifting(sights["places"], sights["world"])
     size = CanonicalView.of(sights["places"]).size[:, None]
 
-    def distance(places):
-        return (np.linalg.norm(places - sights["true"], axis=-1) / size).mean()
+    def distance(picture_points):
+        return (np.linalg.norm(picture_points - sights["true"], axis=-1) / size).mean()
 
-    assert distance(lifted.places) < 0.75 * distance(sights["places"])
+    assert distance(lifted.picture_points) < 0.75 * distance(sights["places"])
     off = lifted.free - sights["free"]
     assert np.rad2deg(np.abs(off)).mean() < 8
-    spread = np.linalg.norm(lifted.places - sights["true"], axis=-1) / lifted.places_sd / np.sqrt(2)
+    spread = np.linalg.norm(lifted.picture_points - sights["true"], axis=-1) / lifted.points_sd / np.sqrt(2)
     for sure in (np.sqrt((spread**2).mean()), np.sqrt(((off / lifted.free_sd) ** 2).mean())):
         assert 0.6 < sure < 1.8
     doubtful = lifted.free_sd > np.median(lifted.free_sd, 0)

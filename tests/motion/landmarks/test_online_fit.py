@@ -15,22 +15,22 @@ from livehand.backend.motion.landmarks.online_fit import OnlineFit
 from livehand.backend.motion.landmarks.skeleton import HandSkeleton
 from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take, sighted
 from livehand.backend.records.errors import LiveHandError
-from livehand.tests.builders import joints_as_seen
+from livehand.tests.builders import joints_as_tracked
 
 HAND = load_default_hand()
 SKELETON = HandSkeleton.of(HAND)
 CAMERA = FilmCamera((640, 480), 620.0)
 
 
-def told(places, world):
+def reported(picture_points, world):
     """Joints as they are seen, and angles from the world landmarks."""
     rest = np.concatenate([np.zeros((1, 3)), np.cumsum(SKELETON.offsets(np.zeros(10)), 1).reshape(20, 3)])
     root, _ = aligned_palm(world, rest)
     free = within_limits(aligned_bones(world, root, SKELETON, np.zeros(10)))
-    return joints_as_seen(places, world)._replace(free=free, free_sd=np.full_like(free, 0.5))
+    return joints_as_tracked(picture_points, world)._replace(free=free, free_sd=np.full_like(free, 0.5))
 
 
-def online(hand, times, side="right", lifting=joints_as_seen):
+def online(hand, times, side="right", lifting=joints_as_tracked):
     """The poses of a filmed hand, one after another; None where it was not believed."""
     fit = OnlineFit(CAMERA, HAND, side, lifting=lifting)
     given = zip(times[hand.frames], hand.px, hand.world, strict=True)
@@ -61,9 +61,9 @@ def test_it_is_nearly_as_good_as_the_fit_of_the_whole_take(made, seen):
     for seed in range(3):
         truth, points = made(45, seed)
         hand, times = noisy(seen(points), seed), np.arange(45) / 30
-        fit = fit_take(hand, times, CAMERA, HAND, "right", 30.0, lifting=told)
+        fit = fit_take(hand, times, CAMERA, HAND, "right", 30.0, lifting=reported)
         started = time.process_time()
-        poses = online(hand, times, lifting=told)
+        poses = online(hand, times, lifting=reported)
         took += time.process_time() - started
         whole += [off_deg(fit.motion.pose(index), truth.theta[index]) for index in range(45)]
         single += [off_deg(pose, truth.theta[index]) for index, pose in enumerate(poses) if pose]
@@ -107,7 +107,7 @@ def test_uneven_times_are_uneven_steps(made, seen):
     """An even motion seen at 10 and at 30 frames a second: weighed by true times, neither lags."""
     truth, points = made(60, 2)
     kept = np.r_[0:30, 30:60:3]
-    poses = online(seen(points[kept]), kept / 30, lifting=partial(joints_as_seen, deviation=0.005))
+    poses = online(seen(points[kept]), kept / 30, lifting=partial(joints_as_tracked, deviation=0.005))
     off = np.mean([off_deg(pose, truth.theta[kept[index]])[1:] for index, pose in enumerate(poses)][30:])
     assert off < 4
 
@@ -122,7 +122,7 @@ def test_points_in_one_place(made, seen):
 def test_held_frames_stay(made, seen):
     _truth, points = made(5)
     offsets = SKELETON.offsets(np.zeros(10))
-    seen_hand = sighted(seen(points), np.arange(5) / 30, CAMERA, "right", offsets, joints_as_seen)
+    seen_hand = sighted(seen(points), np.arange(5) / 30, CAMERA, "right", offsets, joints_as_tracked)
     problem = CameraProblem(seen_hand, SKELETON, offsets, NaturalPoses.of_library(), FitWeights())
     start = problem.initial()
     poses = problem.solve(start, 2, held=3)

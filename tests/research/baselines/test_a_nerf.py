@@ -20,7 +20,7 @@ from livehand.backend.research.baselines.a_nerf import (
     ANerfNetworks,
     ANerfSize,
     JointMlp,
-    encoded_places,
+    encoded_points,
     encoded_views,
     sharpness_at,
 )
@@ -41,8 +41,8 @@ def test_the_inputs_are_unchanged_by_a_rigid_motion_of_hand_and_ray(hand, painte
     directions = torch.nn.functional.normalize(torch.randn(7, 1, 3, dtype=torch.float64), dim=-1).expand(7, 16, 3)
 
     def inputs(points, directions, frames):
-        places, cutoff = encoded_places(points_in_bones(points, frames), 20.0)
-        return torch.cat([places, encoded_views(directions_in_bones(directions, frames), cutoff)], 1)
+        spots, cutoff = encoded_points(points_in_bones(points, frames), 20.0)
+        return torch.cat([spots, encoded_views(directions_in_bones(directions, frames), cutoff)], 1)
 
     first = inputs(points, directions, frames)
     assert first.shape == (7, 288 + 432)
@@ -51,9 +51,9 @@ def test_the_inputs_are_unchanged_by_a_rigid_motion_of_hand_and_ray(hand, painte
 
 
 def test_the_cutoff_is_a_half_at_its_distance():
-    places = torch.zeros(3, 16, 3)
-    places[0, :, 0], places[1, :, 1], places[2, :, 2] = CUTOFF / BODY_PER_HAND, 0.0, 5 * CUTOFF / BODY_PER_HAND
-    encoded, cutoff = encoded_places(places, 20.0)
+    spots = torch.zeros(3, 16, 3)
+    spots[0, :, 0], spots[1, :, 1], spots[2, :, 2] = CUTOFF / BODY_PER_HAND, 0.0, 5 * CUTOFF / BODY_PER_HAND
+    encoded, cutoff = encoded_points(spots, 20.0)
     torch.testing.assert_close(cutoff[0], torch.full((16,), 0.5))
     assert (cutoff[1] > 0.9999).all()
     assert (cutoff[2] < 1e-9).all()

@@ -39,9 +39,9 @@ def test_far_points_are_only_roughly_placed(posed):
     assert float(far.barycentric.sum()) == pytest.approx(1)
 
 
-def test_rays_cross_the_box_around_the_hand(posed, seen_from):
+def test_rays_cross_the_box_around_the_hand(posed, view_from):
     hand = posed("open")
-    view = seen_from(hand.mesh, [0, 1, 0.2])
+    view = view_from(hand.mesh, [0, 1, 0.2])
     rays = box_rays(hand.mesh, view)
     positions_px, depth = project(view, hand.mesh.vertices)
     is_inside = ((positions_px >= 0) & (positions_px < torch.tensor(view.size_px))).all(1)  # the arm leaves the picture

@@ -64,8 +64,8 @@ def test_capsules_lie_in_the_fingers(hand, painted_capture):
     for pose in (HandPose.rest(), painted_capture.poses[0]):
         vertices = torch.as_tensor(posed_vertices(hand, pose), dtype=torch.float32)
         frames = torch.as_tensor(bone_frames(hand, pose), dtype=torch.float32)
-        places = torch.einsum("vki,kij->vkj", vertices[:, None] - frames[:, :3, 3], frames[:, :3, :3])
-        nearest = capsule_distance(1000 * places, *capsules(hand)).amin(1)
+        spots = torch.einsum("vki,kij->vkj", vertices[:, None] - frames[:, :3, 3], frames[:, :3, :3])
+        nearest = capsule_distance(1000 * spots, *capsules(hand)).amin(1)
         fingers = torch.as_tensor(hand.lbs_weights[:, 1:].sum(1) > 0.9)
         assert nearest[fingers].abs().median() < 2.5
         assert nearest[fingers].abs().max() < 9

@@ -17,9 +17,9 @@ def straight(rays=3, near=0.4, far=0.5):
     return PixelRays(torch.arange(rays), torch.zeros(3), torch.eye(3)[2].expand(rays, 3), near * t, far * t, t[0])
 
 
-def test_rays_enclose_the_inflated_mesh(posed, seen_from):
+def test_rays_enclose_the_inflated_mesh(posed, view_from):
     hand = posed("open")
-    view = seen_from(hand.mesh, [0, 1, 0.2])
+    view = view_from(hand.mesh, [0, 1, 0.2])
     rays = pixel_rays(hand.mesh, hand.topology, view)
     positions_px, depth = project(view, hand.mesh.vertices)
     is_inside = ((positions_px >= 0) & (positions_px < torch.tensor(view.size_px))).all(1)  # the arm leaves the picture

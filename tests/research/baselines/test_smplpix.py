@@ -10,8 +10,7 @@ from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.records.shot import Shot
 from livehand.backend.research.baselines import fitting
 from livehand.backend.research.baselines.method import Budget
-from livehand.backend.research.baselines.smplpix import SMPLPIX, draw, turned
-from livehand.backend.research.baselines.unet import UNet
+from livehand.backend.research.baselines.smplpix import SMPLPIX, UNet, draw, turned
 from livehand.backend.research.baselines.weights_file import load_method
 
 
@@ -45,9 +44,9 @@ def test_turning_scaling_and_moving():
     assert centre(0.0, 1.0, (-7.0, 4.0)) == pytest.approx((3, 4), abs=0.01)
 
 
-def test_the_drawing_holds_normals_in_the_cameras_axes(posed, seen_from):
+def test_the_drawing_holds_normals_in_the_cameras_axes(posed, view_from):
     hand = posed("open")
-    view = seen_from(hand.mesh, [0, 1, 0.2])
+    view = view_from(hand.mesh, [0, 1, 0.2])
     drawing, depth = draw(hand.mesh, hand.topology, view, hand.mesh.vertices, "surface")
     assert drawing.shape == (6, 44, 48)
     is_hand = depth.isfinite()

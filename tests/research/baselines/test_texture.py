@@ -43,8 +43,8 @@ def test_a_texel_lies_where_its_surface_point_is_on_the_atlas(posed):
 
 def test_sampling_is_bilinear_between_texel_centres():
     image = torch.tensor([[[0.0, 1.0], [2.0, 3.0]]])
-    places = torch.tensor([[0.25, 0.25], [0.5, 0.25], [0.5, 0.5], [0.0, 0.0], [1.0, 1.0]])
-    torch.testing.assert_close(sampled(image, places)[:, 0], torch.tensor([0.0, 0.5, 1.5, 0.0, 3.0]))
+    spots = torch.tensor([[0.25, 0.25], [0.5, 0.25], [0.5, 0.5], [0.0, 0.0], [1.0, 1.0]])
+    torch.testing.assert_close(sampled(image, spots)[:, 0], torch.tensor([0.0, 0.5, 1.5, 0.0, 3.0]))
 
 
 def test_charts_grow_by_four_texels():
@@ -56,11 +56,11 @@ def test_charts_grow_by_four_texels():
 
 
 @pytest.mark.parametrize("gesture", ["open", "fist"])
-def test_a_texture_drawn_wrapped_and_drawn_again_is_the_same(posed, seen_from, gesture):
+def test_a_texture_drawn_wrapped_and_drawn_again_is_the_same(posed, view_from, gesture):
     """From the views that it was wrapped from, and inside the silhouette."""
     hand = posed(gesture)
     texture = painted(hand, 512)
-    views = [seen_from(hand.mesh, d, (240, 220)) for d in ([0, 1, 0.2], [0, -1, 0.1], [0.3, 0.2, 1], [0, 0.3, -1])]
+    views = [view_from(hand.mesh, d, (240, 220)) for d in ([0, 1, 0.2], [0, -1, 0.1], [0.3, 0.2, 1], [0, 0.3, -1])]
     total = TextureSum(texels_of(hand.topology, 512), hand.topology)
     for view in views:
         total.add(draw_textured(texture, hand.mesh, hand.topology, view)[0], hand.mesh, view)

@@ -2,8 +2,8 @@
 
 import pytest
 from livehand.backend.research.benchmark.counts import Work
-from livehand.backend.research.benchmark.floor import floor_ms, floors_ms
 from livehand.backend.research.benchmark.machine import Peaks
+from livehand.backend.research.benchmark.measure import floor_ms, floors_ms
 
 PEAKS = Peaks(1e9, 4e9, 1e8)
 

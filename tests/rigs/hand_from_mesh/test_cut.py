@@ -134,15 +134,15 @@ def test_seams_are_welded(character):
     assert len(open_half_edges(cut.faces)) == SIDES
     np.testing.assert_array_equal(cut.polygons, whole.polygons)
     inside = cut.vertex_of >= 0
-    places = split.vertices_m[cut.source][cut.vertex_of[inside]]
-    np.testing.assert_array_equal(places, split.vertices_m[inside])
+    points = split.vertices_m[cut.source][cut.vertex_of[inside]]
+    np.testing.assert_array_equal(points, split.vertices_m[inside])
 
 
 def test_welding_joins_near_vertices_of_open_edges_only():
     rng = np.random.default_rng(1)
     faces = np.arange(300).reshape(-1, 3)
-    places = rng.uniform(0, 1, (100, 3))
-    vertices = np.concatenate([places + rng.uniform(-1, 1, places.shape) * 1e-7 for _ in range(3)])
+    points = rng.uniform(0, 1, (100, 3))
+    vertices = np.concatenate([points + rng.uniform(-1, 1, points.shape) * 1e-7 for _ in range(3)])
     order = np.tile(np.arange(100), 3)
     assert (merged_vertices(vertices, faces, 1e-5) == order).mean() > 0.99  # a cell's corner may fall between two twins
     closed = np.array([[0, 1, 2], [0, 2, 1]])

@@ -15,11 +15,15 @@ from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.motion.landmarks.skeleton import HandSkeleton
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
-from livehand.backend.rigs.hand_from_mesh.hand_model import make_hand_model, save_hand_model
-from livehand.backend.rigs.hand_from_mesh.joint_weights import joint_weights, joints_of_bones
-from livehand.backend.rigs.hand_from_mesh.regressor import joint_regressor
+from livehand.backend.rigs.hand_from_mesh.hand_model import (
+    joint_regressor,
+    joint_weights,
+    joints_of_bones,
+    make_hand_model,
+    save_hand_model,
+    world2template,
+)
 from livehand.backend.rigs.hand_from_mesh.skinned_surface import SkinnedSurface
-from livehand.backend.rigs.hand_from_mesh.template_frame import world2template
 from livehand.backend.rigs.source_skeleton import JointMap, SourceSkeleton
 from livehand.tools.builtin_hand import TEMPLATE
 
@@ -176,9 +180,9 @@ def loose_pieces(surface, skeleton, joint_map, gap=0.8):
     for k in range(16):
         own = surface.faces[(joint[surface.faces] == k).all(1)]
         used, compact = np.unique(own, return_inverse=True)
-        places = surface.vertices_m[used]
+        points = surface.vertices_m[used]
         faces.append(compact.reshape(-1, 3) + sum(map(len, vertices)))
-        vertices.append(places.mean(0) + gap * (places - places.mean(0)))
+        vertices.append(points.mean(0) + gap * (points - points.mean(0)))
         weights.append(surface.weights[used])
     faces = np.concatenate(faces)
     made = SkinnedSurface(np.concatenate(vertices), faces, np.arange(len(faces)), np.concatenate(weights))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from livehand.backend.geometry.loop import split_corners
-from livehand.backend.surface.detail_maps_file import ATLAS_MM, load_skin_detail
+from livehand.backend.surface.detail_maps_file import ATLAS_MM, load_surface_detail
 from livehand.backend.teacher.detailed_surface import detailed_surface
 from livehand.tools.builtin_hand.unresolved_slopes import slopes_between, spread_over_atlas, unresolved_slopes
 from scipy.ndimage import binary_dilation
@@ -46,7 +46,7 @@ def made(hand):
 
 
 def test_those_that_ship_are_the_generators(hand, made):
-    shipped = load_skin_detail(hand.sha256).unresolved
+    shipped = load_surface_detail(hand.sha256).unresolved
     assert shipped.shape == made.shape
     assert np.abs(shipped - made.clip(-1.27, 1.27)).max() < 0.0051
 
@@ -54,7 +54,7 @@ def test_those_that_ship_are_the_generators(hand, made):
 def test_nails_and_creases_alone_need_them(hand, made):
     """Half of the skin needs less than a quarter of a degree; half of nails and their rims more than 1.7."""
     steep = np.abs(made).max(0)
-    is_nail = load_skin_detail(hand.sha256).nail.repeat(2, 0).repeat(2, 1) > 0.5
+    is_nail = load_surface_detail(hand.sha256).nail.repeat(2, 0).repeat(2, 1) > 0.5
     at_nails = binary_dilation(is_nail, iterations=6)
     assert np.median(steep[steep > 0]) < 0.0044
     assert np.median(steep[at_nails]) > 0.03

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from livehand.backend.motion.spaces import to_blender
 from livehand.backend.records.camera import Camera
-from livehand.backend.tracking.turning_hand.window import LONGEST_PX, camera_of, image_of, window_around, with_points
+from livehand.backend.tracking.turning_hand.filmed_capture import (
+    LONGEST_PX,
+    camera_of,
+    image_of,
+    window_around,
+    with_points,
+)
 
 POINTS_PX = np.array([[700.5, 200.0], [1100.0, 950.25], [900.0, 500.0]])
 CAMERA = Camera(np.array([[1500.0, 0, 960], [0, 1500, 540], [0, 0, 1]]), to_blender("opencv"), (1920, 1080))

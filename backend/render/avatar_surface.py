@@ -1,0 +1,113 @@
+"""The surface of an avatar, ready to pose: its shape, its detail and its hairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from ..avatars.avatar import Avatar
+from ..avatars.captured_surface import surface_of_capture
+from ..capture.capture import Capture
+from ..compute.reference import ReferenceBackend
+from ..geometry.local_rotation import LocalFrames
+from ..geometry.mesh import PosedMesh
+from ..hand.model import MIRROR_AXIS_ANGLE
+from ..records.shot import HandPose
+from ..surface.base_surface import whole_surface
+from ..surface.detail_maps import DetailMaps, SkinLook
+from ..surface.detail_maps_file import SkinFlexion, skin_detail_of
+from ..surface.detail_mesh import DetailMesh, DetailTemplate, motion_of_mesh
+from ..surface.detail_surface import DetailSurface, fine_surface_of
+from ..surface.hair_growth import HairGround, HairGrowth, Hairs, grown_hairs
+from ..surface.hairs import hair_albedo
+from ..surface.stored_surface import StoredSurface
+
+_ON_POSE_M = 1e-4  # a mesh that is nowhere farther from that of its pose is moved by it alone
+
+
+@dataclass(frozen=True)
+class AvatarSurface:
+    """A person's skin.
+
+    Attributes:
+        maps: its detail.
+        bend: how poses bend it.
+        surface: on which it lies.
+        veins_mm: height of veins.
+        hair_albedo: of hairs, RGB.
+        hair_growth: where hairs grow, and how.
+    """
+
+    maps: DetailMaps
+    bend: SkinFlexion
+    surface: DetailSurface
+    veins_mm: float
+    hair_albedo: tuple[float, ...]
+    hair_growth: HairGrowth
+
+    def posed(
+        self,
+        template: DetailTemplate,
+        pose: HandPose,
+        mesh: PosedMesh,
+        frames: LocalFrames,
+        backend: ReferenceBackend,
+    ) -> DetailMesh:
+        """The surface over a posed mesh.
+
+        Args:
+            template: of the pose's side.
+            pose: of the mesh.
+            mesh: that of the pose; or sculpted, scaled or of a retargeted rig.
+            frames: of the mesh's topology.
+            backend: poses it.
+        """
+        device = mesh.vertices.device
+        motion = backend.skin_motion(template.skin, pose)
+        if (motion.vertices - mesh.vertices).abs().max() > _ON_POSE_M:
+            motion = motion_of_mesh(template, mesh, frames)
+        mirror = 1 if pose.side == "right" else MIRROR_AXIS_ANGLE
+        theta, forearm = pose.theta * mirror, pose.forearm * mirror
+        height_m = 1e-3 * self.surface.raised.height_mm(theta, self.veins_mm, forearm)
+        height = torch.as_tensor(height_m[: len(template.offset_m)], dtype=torch.float32, device=device)
+        flex = torch.as_tensor(self.bend.flex(theta), dtype=torch.float32, device=device)
+        return backend.detail_mesh(template, motion, height, flex, mesh.scale)
+
+
+def hairs_on(skin: AvatarSurface, template: DetailTemplate) -> Hairs:
+    """Grow the hairs, which serve both sides; the template is the right one's."""
+    tensors = template.rest_vertices(), template.normals, template.faces
+    return grown_hairs(HairGround(*(values.cpu().numpy() for values in tensors)), skin.hair_growth)
+
+
+def avatar_surface_of(avatar: Avatar, device: torch.device) -> AvatarSurface | None:
+    """The avatar's surface; None: it has none.
+
+    Raises:
+        LiveHandError: its base is another version's.
+    """
+    return None if avatar.surface is None else _known_skin(avatar.surface, device)
+
+
+def skin_of_capture(capture: Capture, device: torch.device) -> AvatarSurface | None:
+    """The surface that a capture shows; None: it tells of none.
+
+    Raises:
+        LiveHandError: its file is missing or broken.
+    """
+    surface = surface_of_capture(capture)
+    return None if surface is None else _known_skin(surface, device)
+
+
+def _known_skin(surface: StoredSurface, device: torch.device) -> AvatarSurface:
+    arrays, person = whole_surface(surface).arrays, surface.person
+    detail = skin_detail_of(arrays)
+    return AvatarSurface(
+        maps=DetailMaps.of(detail, SkinLook(person.melanin, person.folds, person.veins_mm), device),
+        bend=detail.bend,
+        surface=fine_surface_of(arrays),
+        veins_mm=person.veins_mm,
+        hair_albedo=hair_albedo(person.melanin),
+        hair_growth=HairGrowth(arrays["hair/share"], surface.hair),
+    )

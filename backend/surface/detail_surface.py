@@ -1,0 +1,138 @@
+"""What rises on the skin of the built-in hand: veins, and the forms that a pose raises.
+
+Heights lie along the normals of a surface finer than the template, which has none of them: that of captures
+(`builtin/detailed_surface.py`), or that of pictures (`fine_surface.py`).
+
+The template's faces are chords of a round surface, up to a millimetre below it, and know neither knuckles nor tendons.
+The generator knows where the surface is (`tools/builtin_hand/fine_offsets.py` writes the base's file). Vertices follow
+the posed template: Loop's subdivision of its vertices, moved by these offsets in their local frames. So sculpted and
+retargeted hands have a detail surface, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..hand.gestures import Degrees
+from .base_surface import SURFACE_FILE, base_arrays, has_base
+
+_CLENCHED_DEG = 80  # mean bend of the knuckles at which veins stand out most
+_KNUCKLES = [1, 4, 7, 10]
+
+
+@dataclass(frozen=True)
+class PoseForm:
+    """A form of one joint.
+
+    Attributes:
+        joint: in 0..15; 0 is the wrist, bent by the forearm.
+        start_deg: flexion from the rest pose at which it begins to show; negative where extension raises it.
+        full_deg: flexion at which it has its full height.
+        height_mm: [N] along the vertex normals.
+    """
+
+    joint: int
+    start_deg: Degrees
+    full_deg: Degrees
+    height_mm: np.ndarray
+
+    def share(self, flexion_deg: Degrees) -> float:
+        """In [0, 1], of the full height."""
+        bent = min(max((flexion_deg - self.start_deg) / (self.full_deg - self.start_deg), 0.0), 1.0)
+        return bent * bent * (3 - 2 * bent)
+
+
+@dataclass(frozen=True)
+class PoseDisplacement:
+    """All that rises on a surface of N vertices.
+
+    Attributes:
+        forms: that the pose raises.
+        vein: [N] 0 to 1 where veins are highest.
+        flexion: [16, 3] unit axes about which joints bend, right hand, template frame; zero for the wrist.
+    """
+
+    forms: tuple[PoseForm, ...]
+    vein: np.ndarray
+    flexion: np.ndarray
+
+    def height_mm(self, theta: np.ndarray, veins_mm: float, forearm: np.ndarray | None = None) -> np.ndarray:
+        """[N] in a pose theta [16, 3] rad of the right hand, with veins of this height; `forearm` as in `HandPose`.
+
+        Veins are a quarter lower in a flat hand and a quarter higher in a clenched one.
+        """
+        flexion_deg = np.rad2deg((theta * self.flexion).sum(1))
+        if forearm is not None:
+            flexion_deg[0] = -np.rad2deg(forearm[2])  # about the template's Z, which the arm's end turns to the palm
+        clenched = np.clip(flexion_deg[_KNUCKLES].mean() / _CLENCHED_DEG, 0, 1)
+        height = veins_mm * (0.75 + 0.5 * clenched) * self.vein
+        shares = np.array([form.share(float(flexion_deg[form.joint])) for form in self.forms])
+        form, vertex, form_mm = self._vertices_of_forms
+        of_forms = np.bincount(vertex, shares[form] * form_mm, len(height))
+        return height + of_forms.astype(height.dtype)
+
+    @cached_property
+    def _vertices_of_forms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """[K] each: a form, a vertex that it raises, and how much, mm. Forms raise few of all vertices."""
+        heights_mm = np.stack([form.height_mm for form in self.forms])
+        form, vertex = heights_mm.nonzero()
+        return form, vertex, heights_mm[form, vertex]
+
+
+LEVELS = 2
+"""Of subdivision."""
+OFFSET_STEP_M, HEIGHT_STEP_MM, VEIN_STEP = 1e-6, 0.025, 0.01
+"""What one step of the stored whole numbers is worth."""
+
+
+@dataclass(frozen=True)
+class DetailSurface:
+    """The surface at rest, N vertices, right hand.
+
+    Attributes:
+        offset_m: [N, 3] from Loop's subdivision of the template to the surface, in the template's frame.
+        raised: what rises on it.
+    """
+
+    offset_m: np.ndarray
+    raised: PoseDisplacement
+
+
+def surface_arrays(surface: DetailSurface) -> dict[str, np.ndarray]:
+    """The arrays of a file, in whole steps."""
+    forms, raised = surface.raised.forms, surface.raised
+    return {
+        "offset": _steps(surface.offset_m, OFFSET_STEP_M, np.int16),
+        "vein": _steps(raised.vein, VEIN_STEP, np.int8),
+        "flexion": raised.flexion.astype(np.float32),
+        "form/joint": np.array([form.joint for form in forms], np.int8),
+        "form/range_deg": np.array([(form.start_deg, form.full_deg) for form in forms], np.float32),
+        "form/height": _steps(np.stack([form.height_mm for form in forms]), HEIGHT_STEP_MM, np.int8),
+    }
+
+
+def load_detail_surface(hand_sha256: str) -> DetailSurface | None:
+    """The base surface of a built-in hand; None: this hand has none."""
+    return fine_surface_of(base_arrays(SURFACE_FILE)) if has_base(hand_sha256) else None
+
+
+def fine_surface_of(arrays: Mapping[str, np.ndarray]) -> DetailSurface:
+    """The surface of a file's arrays (`stored_surface.ARRAYS`)."""
+    heights_mm = arrays["form/height"] * np.float32(HEIGHT_STEP_MM)
+    forms = [
+        PoseForm(int(joint), float(start), float(full), height)
+        for joint, (start, full), height in zip(arrays["form/joint"], arrays["form/range_deg"], heights_mm, strict=True)
+    ]
+    raised = PoseDisplacement(tuple(forms), arrays["vein"] * np.float32(VEIN_STEP), arrays["flexion"])
+    return DetailSurface(arrays["offset"] * np.float32(OFFSET_STEP_M), raised)
+
+
+def _steps(values: np.ndarray, step: float, kind: type[np.signedinteger]) -> np.ndarray:
+    whole, limits = np.round(values / step), np.iinfo(kind)
+    if whole.min() < limits.min or whole.max() > limits.max:
+        raise ValueError(f"values from {values.min()} to {values.max()} need more steps of {step} than {limits.max}")
+    return whole.astype(kind)

@@ -1,0 +1,113 @@
+"""Rays that meet an avatar's surface where the field is clear: they have the colours of the skin around.
+
+There the surface stands out of the rays' shell, or parts of the hand are so near that a ray stops in neither. Their
+colours would be divided by next to nothing, and super-resolution would see a hole.
+"""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from ..field.rays import RenderedRays
+from ..field.volume import Composite
+from ..image.maps import ray_of_pixel
+from ..light.lighting import SurfacePoints
+from .ray_hits import RayHits
+
+CLEAR, OPAQUE = 0.3, 0.7
+"""Opacities at which a ray's colours are those around, and its own."""
+_RINGS_PX, _DIRECTIONS = (1.0, 2.0, 4.0, 8.0, 16.0), 12
+_BEHIND = 100.0  # times the least difference of depth between parts
+_LEAST_OPACITY, _LEAST_WEIGHT = 0.02, 1e-6
+
+
+def add_missing_rays(rays: RenderedRays, hits: RayHits) -> tuple[RenderedRays, RayHits]:
+    """The rays and, all clear, one in every other pixel where the surface is; and where each meets it.
+
+    Args:
+        rays: that meet the shell.
+        hits: of all pixels of the image.
+    """
+    is_missed = hits.depth.isfinite()
+    is_missed[rays.pixel] = False
+    missed = is_missed.nonzero()[:, 0]
+    if len(missed):
+        clear = Composite(*(values.new_zeros(len(missed), *values.shape[1:]) for values in rays.composite))
+        t = hits.depth[missed, None].expand(-1, rays.t.shape[1])
+        rays = RenderedRays(
+            pixel=torch.cat([rays.pixel, missed]),
+            composite=Composite(*(torch.cat(both) for both in zip(rays.composite, clear, strict=True))),
+            t=torch.cat([rays.t, t]),
+            dt=torch.cat([rays.dt, rays.dt.new_zeros(len(missed))]),
+        )
+    return rays, RayHits(hits.depth[rays.pixel], hits.normal[rays.pixel])
+
+
+def inpaint(
+    low: Composite, pixel: Int[Tensor, " R"], size_px: tuple[int, int], hits: RayHits, edge_m: Float[Tensor, ""]
+) -> Composite:
+    """The rays, with channels and opacity of the skin around, at its depth, where they are clear.
+
+    Args:
+        low: decoded; its channels are premultiplied by opacity.
+        pixel: of the rays, in an image of this size.
+        size_px: of that image.
+        hits: with the surface; what misses it stays.
+        edge_m: depths that differ by more are of other parts.
+    """
+    meets = hits.depth.isfinite()
+    own = torch.where(meets, ((low.alpha - CLEAR) / (OPAQUE - CLEAR)).clamp(0, 1), 1)
+    clear = (own < 1).nonzero()[:, 0]
+    if len(clear) == 0:
+        return low
+    around = _around(pixel, size_px, clear)
+    there = around.clamp(min=0)
+    gap = ((hits.depth[there] - hits.depth[clear]) / edge_m).nan_to_num(torch.inf)
+    radius = gap.new_tensor(_RINGS_PX).repeat_interleave(_DIRECTIONS)[:, None]
+    weight = own[there] * (around >= 0) * torch.exp(-gap.square()) / radius.square()
+    total = weight.sum(0)
+    is_known = total > _LEAST_WEIGHT
+    clear, there, weight = clear[is_known], there[:, is_known], (weight / total)[:, is_known, None]
+    alpha = low.alpha[:, None].float()
+    straight = low.channels.float() / alpha.clamp(min=_LEAST_OPACITY)
+    share = own[clear, None]
+    opacity = torch.lerp((weight * alpha[there]).sum(0), alpha[clear], share)
+    colours = torch.lerp((weight * straight[there]).sum(0), straight[clear], share)
+    return low._replace(
+        channels=low.channels.index_put((clear,), (colours * opacity).to(low.channels.dtype)),
+        alpha=low.alpha.index_put((clear,), opacity[:, 0].to(low.alpha.dtype)),
+    )
+
+
+def drop_outliers(
+    points: SurfacePoints, alpha: Float[Tensor, " R"], hits: RayHits, edge_m: Float[Tensor, ""]
+) -> SurfacePoints:
+    """The points, but those of clear rays that miss the surface far behind it, so that no pixel of it has their light.
+
+    Their normals are divided by next to nothing: beside outlines, pixels would be bright or dark by chance.
+
+    Args:
+        points: of the rays.
+        alpha: opacity of the rays.
+        hits: with the surface.
+        edge_m: depths that differ by more are of other parts.
+    """
+    is_outlier = ~hits.depth.isfinite() & (alpha < CLEAR)
+    behind = points.position + _BEHIND * edge_m * points.view
+    return points._replace(position=torch.where(is_outlier[:, None], behind, points.position))
+
+
+def _around(pixel: Int[Tensor, " R"], size_px: tuple[int, int], rays: Int[Tensor, " K"]) -> Int[Tensor, "S K"]:
+    """The rays on rings around some of them; -1 for none."""
+    width, height = size_px
+    angles = [2 * pi * k / _DIRECTIONS for k in range(_DIRECTIONS)]
+    offsets = [(round(r * cos(angle)), round(r * sin(angle))) for r in _RINGS_PX for angle in angles]
+    dx, dy = pixel.new_tensor(offsets)[:, None].unbind(-1)
+    x, y = pixel[rays] % width + dx, torch.div(pixel[rays], width, rounding_mode="floor") + dy
+    is_inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    at = y.clamp(0, height - 1) * width + x.clamp(0, width - 1)
+    return torch.where(is_inside, ray_of_pixel(pixel, width * height)[at], -1)
