@@ -57,7 +57,7 @@ class Avatar:
         metrics: measured on held-out views.
         thumbnail: [P, P, 4] uint8 (`render.thumbnail`); None in files of earlier versions.
         sky: the light of its capture, in which a relightable avatar is rendered where none is given.
-        surface: that its hand has, given and not learnt; None: the networks alone tell of its surface.
+        surface: that its hand has, given and not learnt; None: the networks alone define its surface.
     """
 
     name: str
@@ -74,7 +74,7 @@ class Avatar:
 
 
 def build_field(config: FieldConfig) -> MlpField | PlaneField:
-    """The field the configuration names, with fresh weights."""
+    """Build the field that the configuration names, with fresh weights."""
     kinds: dict[str, Callable[[bool], MlpField]] = {"paper": PaperField, "xyz": XyzField, "bones": BonesField}
     if config.kind in kinds:
         return kinds[config.kind](config.pose)
@@ -82,7 +82,7 @@ def build_field(config: FieldConfig) -> MlpField | PlaneField:
 
 
 def new_avatar(name: str, hand_name: str, hand_sha256: str, config: AvatarConfig, seed: int = 0) -> Avatar:
-    """An untrained avatar with weights drawn from the seed."""
+    """Make an untrained avatar with weights drawn from the seed."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return Avatar(name, hand_name, hand_sha256, config, build_field(config.field), build_superres(config.superres))

@@ -16,7 +16,7 @@ _NUMBERS = {"melanin", "folds", "veins_mm"}
 
 
 def surface_of_capture(capture: Capture) -> StoredSurface | None:
-    """Read the surface that a capture shows; None: it tells of none.
+    """Read the surface that a capture shows; None: it names none.
 
     Raises:
         LiveHandError: its file is missing, broken, or of another hand.
@@ -34,7 +34,7 @@ def surface_of_capture(capture: Capture) -> StoredSurface | None:
 
 
 def surface_of_provenance(capture: Any, hand_sha256: str) -> StoredSurface | None:
-    """The surface of a person whom `livehand capture` made before captures held surfaces; None: it tells of none.
+    """Make the surface of a person whom `livehand capture` made before captures held surfaces; None: it names none.
 
     Args:
         capture: its provenance.

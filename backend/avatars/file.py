@@ -119,12 +119,12 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
 
 
 def read_header(path: Path) -> dict[str, Any]:
-    """The header of an avatar's file, after checking the file as `load_avatar` does."""
+    """Read the header of an avatar's file, after checking the file as `load_avatar` does."""
     return _read(path)[0]
 
 
 def read_surface_of(path: Path) -> StoredSurface | None:
-    """The surface of an avatar's file, without its networks; None: it has none.
+    """Read the surface of an avatar's file, without its networks; None: it has none.
 
     Raises:
         LiveHandError: as `load_avatar`.
@@ -163,7 +163,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
 
 
 def _parsed(text: str) -> dict[str, Any]:
-    """The header; empty if its text is damaged."""
+    """Parse the header; empty if its text is damaged."""
     try:
         header = parse_json(text.encode(), "the header")
     except (LiveHandError, ValueError):
@@ -180,7 +180,7 @@ def _checksum(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
 
 
 def _networks(avatar: Avatar) -> dict[str, nn.Module]:
-    """The networks by the prefix of their tensors."""
+    """Return the networks by the prefix of their tensors."""
     return {"field.": avatar.field, "superres.": avatar.superres}
 
 
@@ -228,7 +228,7 @@ def _check_networks(config: AvatarConfig, tensors: dict[str, Tensor], path: Path
 
 
 def _surface_of(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> StoredSurface | None:
-    """The avatar's surface; its tensors are taken out."""
+    """Build the avatar's surface; its tensors are taken out."""
     hand_sha256 = header.get("hand_sha256")
     if not isinstance(hand_sha256, str):
         raise LiveHandError(f"{path}: hand_sha256 must be text, got {str(hand_sha256)[:40]}; train it again")

@@ -39,7 +39,7 @@ class AvatarMetadata:
         licence: of the avatar, or empty.
         figures: metrics on held-out views as lines of text; empty if it was not evaluated.
         made_from: the capture it was trained on as a line of text, or empty.
-        beta: [10] shape of the person whom it shows, or None if the file does not tell.
+        beta: [10] shape of the person whom it shows, or None if the file does not say.
         thumbnail: [P, P, 4] uint8 sRGB with straight alpha, top row first; None if the file has none.
     """
 
@@ -102,7 +102,7 @@ def _read(path: Path) -> tuple[dict[str, Any], np.ndarray | None]:
 
 
 def _figures(metrics: dict[str, Any]) -> tuple[str, ...]:
-    """PSNR and SSIM of the hardest split that was evaluated."""
+    """Return PSNR and SSIM of the hardest split that was evaluated."""
     measured = next((split for split in _SPLITS if split in metrics), None)
     if measured is None:
         return ()

@@ -21,7 +21,7 @@ _MOST_BYTES = 1 << 29  # unpacked, of all arrays
 
 
 def surface_tensors(surface: StoredSurface) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """The description of a surface in a file's header, and the tensors of its own arrays."""
+    """Make the description of a surface for a file's header, and the tensors of its own arrays."""
     tensors, packed = {}, {}
     for name, values in surface.arrays.items():
         whole = np.ascontiguousarray(values)

@@ -20,7 +20,7 @@ _TABLE, _STEPS = ".table", 127
 
 
 def stored_weights(weights: dict[str, Tensor], has_byte_planes: bool) -> dict[str, Tensor]:
-    """The weights as a file holds them.
+    """Convert the weights to what a file holds.
 
     Args:
         weights: by name, on the CPU.
@@ -38,7 +38,7 @@ def stored_weights(weights: dict[str, Tensor], has_byte_planes: bool) -> dict[st
 
 
 def whole_weights(tensors: dict[str, Tensor], path: Path) -> dict[str, Tensor]:
-    """The tensors of a file, its tables in whole steps multiplied by their scales.
+    """Restore the tensors of a file, its tables in whole steps multiplied by their scales.
 
     Raises:
         LiveHandError: a scale is missing or does not fit.

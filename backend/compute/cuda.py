@@ -16,7 +16,7 @@ class CudaBackend(ReferenceBackend):
         self._cpu = cpu
 
     def look_up(self, scene: ShadowScene, hit_points: Float[Tensor, "P 3"]) -> PointShadows:
-        """As the CPU's, of what lies on any device."""
+        """Look up shadows as the CPU does, of what lies on any device."""
         here = scene._replace(
             views=ShadowViews(*(values.cpu() for values in scene.views)),
             vertices=scene.vertices.cpu(),

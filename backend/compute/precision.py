@@ -19,7 +19,7 @@ Decoder = Callable[[Tensor], Tensor]
 
 @cache
 def has_fast_bf16(device: torch.device) -> bool:
-    """Whether bf16 is no slower than fp32 there.
+    """Return whether bf16 is no slower than fp32 on this device.
 
     Processors without AVX-512 (on Arm: without bf16 instructions) compute torch's bf16 number by number: networks take
     ten times as long.
@@ -29,12 +29,12 @@ def has_fast_bf16(device: torch.device) -> bool:
 
 
 def autocast(device: torch.device, precision: Precision) -> torch.autocast:
-    """The context in which networks run: bf16 is autocast, where it is not slower than fp32; geometry never is."""
+    """Return the context in which networks run: bf16 is autocast where no slower than fp32; geometry never is."""
     return torch.autocast(device.type, torch.bfloat16, enabled=precision == "bf16" and has_fast_bf16(device))
 
 
 def in_precision(network: nn.Module, device: torch.device, precision: Precision) -> Callable[[Tensor], Tensor]:
-    """The network as a function that runs in its own autocast."""
+    """Wrap the network as a function that runs in its own autocast."""
 
     def run(values: Tensor) -> Tensor:
         with autocast(device, precision):
@@ -44,7 +44,7 @@ def in_precision(network: nn.Module, device: torch.device, precision: Precision)
 
 
 def decoder_in_precision(field: PlaneField, device: torch.device, precision: Precision) -> Decoder:
-    """The field's decoder as a function that runs in its own autocast."""
+    """Wrap the field's decoder as a function that runs in its own autocast."""
 
     def run(values: Tensor) -> Tensor:
         with autocast(device, precision):

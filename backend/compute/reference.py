@@ -91,11 +91,11 @@ class ReferenceBackend:
 
     @staticmethod
     def threads_of_frame(pixels: int) -> AbstractContextManager[None]:
-        """A context for the rendering of a frame of this many pixels, in which threads are shared as suits it."""
+        """Return a context for rendering a frame of this many pixels, in which threads are shared as suits it."""
         return nullcontext()
 
     def visibility(self, mesh: PosedMesh, topology: Topology) -> Float[Tensor, "V K"]:
-        """As `light.visibility.visibility_transfer`, by `lit_share`."""
+        """Compute visibility, as `light.visibility.visibility_transfer`, by `lit_share`."""
         return visibility_transfer(mesh, topology, self.lit_share)
 
     def point_shadows(
@@ -108,7 +108,7 @@ class ReferenceBackend:
         map_px: int,
         bounds: Bounds | None = None,
     ) -> PointShadows:
-        """As `light.shadow_maps.point_shadows`, by `look_up`."""
+        """Compute shadows at points, as `light.shadow_maps.point_shadows`, by `look_up`."""
         return point_shadows(mesh, faces, occluders, views, points, map_px, bounds, self.look_up)
 
     @staticmethod
@@ -119,14 +119,14 @@ class ReferenceBackend:
         conditions: FrameConditions,
         shell_m: float,
     ) -> Composite:
-        """As `field.shade.shade`, with gradients to the weights and, if required, to the geometry."""
+        """Shade rays, as `field.shade.shade`, with gradients to the weights and, if required, to the geometry."""
         return shade(field, rays, hand, conditions, shell_m)
 
     @staticmethod
     def decoder_inputs(
         field: RelightableField, gathered: Composite, view: Float[Tensor, "R 3"], occlusion: AmbientOcclusion
     ) -> Float[Tensor, "R C"]:
-        """As `RelightableField.decoder_inputs`."""
+        """Compute the decoder's inputs, as `RelightableField.decoder_inputs`."""
         return field.decoder_inputs(gathered, view, occlusion)
 
     def shading_inputs(
@@ -138,12 +138,12 @@ class ReferenceBackend:
         camera: CameraTensors,
         skin: SurfaceDepth,
     ) -> ShadingInputs:
-        """As `image.shading.shading_inputs`, by `smooth_enlarged_rays` and what follows it above."""
+        """Enlarge rays, as `image.shading.shading_inputs`, by `smooth_enlarged_rays` and what follows it above."""
         parts = self.smooth_enlarged_rays, self.shares_of_rays, self.normals_at_steps, self.view_directions
         return shading_inputs(superres, low, points, pixel, camera, skin, *parts)
 
     def ray_renderer(self, field: MlpField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
-        """A renderer of this field; weights must not change while it is used, nor a decoder's or super-resolution's."""
+        """Make a renderer of this field; weights must not change in use, nor a decoder's or super-resolution's."""
         return ChunkedRayRenderer(self, field, config, precision)
 
 
@@ -158,7 +158,7 @@ class ChunkedRayRenderer:
     samples_per_chunk: int = 65536
 
     def __call__(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> RenderedRays:
-        """As `RayRenderer`."""
+        """Render rays, as `RayRenderer`."""
         hooks.on_stage("sample")
         rays = self.backend.trace(hand, self.config)
         hooks.on_stage("field")

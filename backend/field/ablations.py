@@ -30,7 +30,7 @@ from .field import (
 from .volume import Composite, Steps, composite
 
 BONES = 16
-_UNIT_M = 0.03  # of places in a bone's frame
+_UNIT_M = 0.03  # of points in a bone's frame
 
 
 class BoneNetwork(nn.Module):
@@ -50,7 +50,7 @@ class BoneNetwork(nn.Module):
         self.channels = nn.Linear(width // 2, CHANNELS)
 
     def forward(self, place: Float[Tensor, "S 3"], view: Float[Tensor, "S D"], theta: Tensor) -> Float[Tensor, "S 33"]:
-        """Density per mm, and channels."""
+        """Return density per mm, and channels."""
         first = self.position(positional_encoding(place / _UNIT_M, POSITION_OCTAVES))
         hidden = relu(first + self.pose(theta) if self.pose is not None else first)
         for layer in self.trunk:
@@ -75,7 +75,7 @@ class BonesField(MlpField):
         self.is_dense = False
 
     def forward(self, inputs: FieldInputs, steps: Steps, read_plane: PlaneReader = FeaturePlane.forward) -> Composite:
-        """As `MlpField`."""
+        """Return volume-rendered channels, as `MlpField`."""
         place = inputs.place
         assert place is not None, "shading gives a field what it asks for"
         if place.in_bones.shape[1] != BONES:
@@ -118,7 +118,7 @@ class XyzField(MlpField):
         self.channels = nn.Linear(self.VIEW_WIDTH, CHANNELS)
 
     def forward(self, inputs: FieldInputs, steps: Steps, read_plane: PlaneReader = FeaturePlane.forward) -> Composite:
-        """As `MlpField`."""
+        """Return volume-rendered channels, as `MlpField`."""
         assert inputs.place is not None, "shading gives a field what it asks for"
         encoded = positional_encoding(inputs.place.world, POSITION_OCTAVES)
         given = [layer(encoded) for layer in self.position]

@@ -51,7 +51,7 @@ class FieldInputs(NamedTuple):
 
     @classmethod
     def of_paper(cls, uv: Tensor, height: Tensor, view: Tensor, theta: Tensor) -> FieldInputs:
-        """Those that the paper's field reads; the others are empty."""
+        """Make the inputs that the paper's field reads; the others are empty."""
         none = height.new_zeros(0)
         return cls(uv, height, none, none, none, none, view, theta, none)
 
@@ -71,7 +71,7 @@ class SamplePoints(NamedTuple):
 
 
 def vertex_local_pose(theta: Float[Tensor, "16 3"], skinning: Skinning) -> Float[Tensor, "V 9"]:
-    """Axis-angle of each vertex's joints, of their parents and of their children, blended by skinning weight, rad.
+    """Blend the axis-angle of each vertex's joints, of their parents and children, by skinning weight, rad.
 
     The root's rotation is left out: it turns the whole hand, which normals and view directions already express.
     """
@@ -111,7 +111,7 @@ class FrameConditions(NamedTuple):
         visibility: Float[Tensor, "V K"],
         rotations_of: Rotations = local_rotations,
     ) -> FrameConditions:
-        """The conditions, with gradients to the pose and the mesh.
+        """Compute the conditions, with gradients to the pose and the mesh.
 
         Args:
             theta: rad, mirrored to the avatar's own side.
@@ -154,7 +154,7 @@ def gather_field_inputs(
 
 
 def view_features(normal: Float[Tensor, "R 3"], view: Float[Tensor, "R 3"]) -> Float[Tensor, "R 5"]:
-    """Reflected ray, n.v, and Schlick's Fresnel factor.
+    """Compute the reflected ray, n.v, and Schlick's Fresnel factor.
 
     A raw view direction overfits to the training cameras (2.6 dB worse from new cameras).
     """

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 
 def positional_encoding(x: Float[Tensor, "*n C"], octaves: int) -> Float[Tensor, "*n D"]:
-    """[x, sin(2^k x), cos(2^k x)] for k = 0..octaves-1 (the paper's, without a factor pi): D = C (1 + 2 octaves)."""
+    """Return [x, sin(2^k x), cos(2^k x)], k = 0..octaves-1 (the paper's, without factor pi): D = C (1 + 2 octaves)."""
     scaled = x[..., None, :] * (2.0 ** torch.arange(octaves, device=x.device, dtype=x.dtype))[:, None]
     waves = torch.stack([scaled.sin(), scaled.cos()], -2)  # [..., octaves, 2, C]
     return torch.cat([x, waves.flatten(-3)], -1)
@@ -30,7 +30,7 @@ class FeaturePlane(nn.Module):
     def forward(
         self, uv: Float[Tensor, "S 2"], height: Float[Tensor, " S"], fade: Float[Tensor, " S"]
     ) -> Float[Tensor, "S C"]:
-        """Features at atlas coordinates in [0, 1] and heights in [-1, 1] (the shell), times `fade`."""
+        """Read the features at atlas coordinates in [0, 1] and heights in [-1, 1] (the shell), times `fade`."""
         texel, weights = self._corners(uv)
         layer, layer_weights = self._layers(height)
         index = texel[:, :, None] * self.heights + layer[:, None, :]  # [S, 4, 2]
@@ -39,7 +39,7 @@ class FeaturePlane(nn.Module):
         return (weights.flatten(1)[..., None] * rows).sum(1) * fade[:, None]
 
     def _corners(self, uv: Tensor) -> tuple[Tensor, Tensor]:
-        """The four texels around each point [S, 4], and their bilinear weights."""
+        """Find the four texels around each point [S, 4], and their bilinear weights."""
         position = (uv * self.resolution - 0.5).clamp(0, self.resolution - 1)
         first = position.floor().clamp(max=self.resolution - 2)
         fraction = position - first
@@ -51,7 +51,7 @@ class FeaturePlane(nn.Module):
         return texel, weights
 
     def _layers(self, height: Tensor) -> tuple[Tensor, Tensor]:
-        """The two layers about each height [S, 2] (a single layer: that one, [S, 1]), and their linear weights."""
+        """Find the two layers about each height [S, 2] (a single layer: that one, [S, 1]), and their linear weights."""
         if self.heights == 1:
             return torch.zeros_like(height, dtype=torch.long)[:, None], torch.ones_like(height)[:, None]
         position = (height.clamp(-1, 1) + 1) * (self.heights - 1) / 2

@@ -37,7 +37,7 @@ class FieldConfig:
 
     kind: Literal["paper", "planes", "xyz", "bones"] = "planes"
     """`paper`: positional encoding and a 4 x 128 MLP, 92,577 parameters. `planes`: learned feature planes. The paper's
-    ablations: `xyz`, an MLP of places in the world (`field.ablations`), and `bones`, one of places in each bone's frame
+    ablations: `xyz`, an MLP of points in the world (`field.ablations`), and `bones`, one of points in each bone's frame
     (`field.ablations`)."""
     width: int = 192
     """Width of the decoder, which is queried once per ray."""
@@ -64,17 +64,17 @@ class MlpField(nn.Module):
     """A field without planes: an MLP at every sample.
 
     Attributes:
-        asks: which places of its samples it needs; `surface`: only those on the atlas.
+        asks: which coordinates of its samples it needs; `surface`: only those on the atlas.
     """
 
     asks: Literal["surface", "world", "bones"] = "surface"
 
     def light_code(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 0"]:
-        """Empty: these fields have no input for self-shadowing."""
+        """Return no code: these fields have no input for self-shadowing."""
         return visibility[:, :0]
 
     def forward(self, inputs: FieldInputs, steps: Steps, read_plane: PlaneReader = FeaturePlane.forward) -> Composite:
-        """Volume-rendered channels [R, 32], premultiplied; there are no planes to read."""
+        """Return volume-rendered channels [R, 32], premultiplied; there are no planes to read."""
         raise NotImplementedError
 
 
@@ -98,12 +98,12 @@ class PaperField(MlpField):
         self.channels = nn.Linear(64, CHANNELS)
 
     def forward(self, inputs: FieldInputs, steps: Steps, read_plane: PlaneReader = FeaturePlane.forward) -> Composite:
-        """As `MlpField`."""
+        """Return volume-rendered channels, as `MlpField`."""
         sigma, channels = self.ask(inputs, steps.t.shape[1])
         return composite(sigma, channels, steps)
 
     def ask(self, inputs: FieldInputs, per_ray: int) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 32"]]:
-        """Density per mm and channels at samples, of which each ray has so many."""
+        """Compute density per mm and channels at samples, of which each ray has so many."""
         uvh = torch.cat([inputs.uv, inputs.height[:, None]], -1)
         first = self.position(positional_encoding(uvh, POSITION_OCTAVES))
         hidden = relu(first + self.pose(inputs.theta) if self.pose is not None else first)
@@ -148,27 +148,27 @@ class PlaneField(nn.Module):
             self._leave_out_pose(self.near)
 
     def light_code(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V E"]:
-        """What each vertex adds to the gathered features, from its visibility."""
+        """Compute what each vertex adds to the gathered features, from its visibility."""
         raise NotImplementedError
 
     def shaded(
         self, gathered: Composite, view: Float[Tensor, "R 3"], decoder: Callable[[Tensor], Tensor] | None = None
     ) -> Composite:
-        """What volume rendering returns for rays of these unit directions, world, from their composited features.
+        """Shade rays of these unit directions, world, from their composited features, as volume rendering returns them.
 
         `decoder` is as `decoded`, which stands for None.
         """
         raise NotImplementedError
 
     def decoded(self, inputs: Float[Tensor, "R C"]) -> Float[Tensor, "R D"]:
-        """The decoder's layers."""
+        """Apply the decoder's layers."""
         hidden = inputs
         for layer in self.trunk:
             hidden = relu(layer(hidden), inplace=True)
         return self.channels(hidden)
 
     def forward(self, inputs: FieldInputs, steps: Steps, read_plane: PlaneReader = FeaturePlane.forward) -> Composite:
-        """The rays, volume-rendered; see `shaded`."""
+        """Volume-render the rays; see `shaded`."""
         height = inputs.height[:, None]
         features = [self._read(plane, inputs, read_plane) for plane in self.feature_planes]
         near = torch.cat([*features, height, height**2, inputs.local_pose], -1)
@@ -190,7 +190,7 @@ class PlaneField(nn.Module):
         _mask_inputs(layer.weight, slice(self.near_channels - LOCAL_POSE_CHANNELS, self.near_channels))
 
     def _relief_normal(self, inputs: FieldInputs, read_plane: PlaneReader) -> Float[Tensor, "S 3"]:
-        """The posed normal with the relief's offset, unit length, world."""
+        """Compute the posed normal with the relief's offset, unit length, world."""
         fade = RELIEF_GAIN * self.fade(self.relief, inputs.footprint_m)
         offset = read_plane(self.relief, inputs.uv, inputs.height, fade)
         turned = (inputs.rotation * offset[:, None, :]).sum(-1)
@@ -200,7 +200,7 @@ class PlaneField(nn.Module):
         return read_plane(plane, inputs.uv, inputs.height, self.fade(plane, inputs.footprint_m))
 
     def fade(self, plane: FeaturePlane, footprint_m: Float[Tensor, " S"]) -> Float[Tensor, " S"]:
-        """1, or less for planes finer than a pixel at the sample, which would alias."""
+        """Return 1, or less for planes finer than a pixel at the sample, which would alias."""
         texel_m = self.config.atlas_m / plane.resolution
         return (2 * texel_m / footprint_m).clamp(max=1)
 
@@ -220,13 +220,13 @@ class BakedField(PlaneField):
             self._leave_out_pose(first)
 
     def light_code(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 8"]:
-        """A learned code of the light that each vertex receives under the capture's illumination."""
+        """Compute a learned code of the light that each vertex receives under the capture's illumination."""
         return self.light(visibility)
 
     def shaded(
         self, gathered: Composite, view: Float[Tensor, "R 3"], decoder: Callable[[Tensor], Tensor] | None = None
     ) -> Composite:
-        """Colour and features [R, 32] of rays, premultiplied."""
+        """Decode the colour and features [R, 32] of rays, premultiplied."""
         mean = mean_features(gathered)
         normal = torch.nn.functional.normalize(mean[:, self.normal_slice], dim=-1)
         raw = (decoder or self.decoded)(torch.cat([mean, view_features(normal, view)], -1))
@@ -234,7 +234,7 @@ class BakedField(PlaneField):
 
 
 def mean_features(gathered: Composite) -> Float[Tensor, "R K"]:
-    """The gathered features of rays, as means over their samples."""
+    """Compute the gathered features of rays, as means over their samples."""
     return gathered.channels / gathered.alpha.clamp(min=MIN_ALPHA)[:, None]
 
 
@@ -252,10 +252,10 @@ def _density(logit: Tensor, height: Tensor) -> Tensor:
 
 
 def density_without_height(logit: Float[Tensor, " S"]) -> Float[Tensor, " S"]:
-    """Density per mm of fields that do not know the height: the prior has only its offset."""
+    """Compute density per mm of fields that do not know the height: the prior has only its offset."""
     return softplus(logit.float() + PRIOR_OFFSET)
 
 
 def straight_channels(raw: Tensor) -> Tensor:
-    """Colour through a sigmoid; features as they are."""
+    """Pass colour through a sigmoid; features stay as they are."""
     return torch.cat([raw[:, :3].sigmoid(), raw[:, 3:]], -1)

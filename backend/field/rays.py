@@ -86,7 +86,7 @@ class RenderedRays(NamedTuple):
 
 
 def camera_tensors(camera: Camera, device: torch.device | str) -> CameraTensors:
-    """The camera as tensors.
+    """Convert the camera to tensors.
 
     The rigid matrix is inverted by hand: numpy's inverse wakes a BLAS thread that then spins for 100 ms on a core that
     the frame needs.
@@ -102,14 +102,14 @@ def camera_tensors(camera: Camera, device: torch.device | str) -> CameraTensors:
 
 
 def project(camera: CameraTensors, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:
-    """World points -> (px, depth m)."""
+    """Project world points to (px, depth m)."""
     in_camera = points @ camera.world2cam[:3, :3].T + camera.world2cam[:3, 3]
     homogeneous = in_camera @ camera.K.T
     return homogeneous[..., :2] / homogeneous[..., 2:], in_camera[..., 2]
 
 
 def ray_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
-    """World directions of depth 1 through pixel centres."""
+    """Compute world directions of depth 1 through pixel centres."""
     across, down, ahead = torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3]
     width = camera.size_px[0]
     row = torch.div(pixel, width, rounding_mode="floor")
@@ -118,17 +118,17 @@ def ray_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]
 
 
 def view_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
-    """The same of length 1."""
+    """Compute unit world directions through pixel centres."""
     return normalize(ray_directions(camera, pixel), dim=-1)
 
 
 def ray_origin(camera: CameraTensors) -> Float[Tensor, 3]:
-    """The camera's centre, world, m."""
+    """Return the camera's centre, world, m."""
     return -camera.world2cam[:3, :3].T @ camera.world2cam[:3, 3]
 
 
 def split_rays(rays: SurfaceRays, size: int) -> list[SurfaceRays]:
-    """The same rays in chunks of `size` rays; at least one chunk, even if there are no rays."""
+    """Split the rays into chunks of `size` rays; at least one chunk, even if there are no rays."""
     per_ray = rays.t.shape[1]
     by_ray = zip(*(values.split(size) for values in rays[:5]), strict=True)
     by_sample = zip(*(values.split(size * per_ray) for values in rays.samples), strict=True)

@@ -18,7 +18,7 @@ from .volume import Composite
 
 
 def clamp_min(values: Float[Tensor, "*n"], least: float) -> Float[Tensor, "*n"]:
-    """`values.clamp(min=least)`, through which gradients pass that raise what lies below.
+    """Compute `values.clamp(min=least)`, through which gradients pass that raise what lies below.
 
     Else a coefficient that some light drives below the bound gets no gradient any more, and stays there for good.
     """
@@ -64,13 +64,13 @@ class RelightableField(PlaneField):
             self.channels.bias[:COEFFICIENTS] = torch.tensor(_START)
 
     def light_code(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 0"]:
-        """Empty: shadows come with the light."""
+        """Return no code: shadows come with the light."""
         return visibility[:, :0]
 
     def shaded(
         self, gathered: Composite, view: Float[Tensor, "R 3"], decoder: Callable[[Tensor], Tensor] | None = None
     ) -> Composite:
-        """The gathered features as they are: `decode` needs to know how open the skin lies."""
+        """Return the gathered features as they are: `decode` needs the ambient occlusion, which is not known here."""
         return gathered
 
     def decode(
@@ -81,7 +81,7 @@ class RelightableField(PlaneField):
         decoder: Callable[[Tensor], Tensor] | None = None,
         inputs: RelightableInputs | None = None,
     ) -> Composite:
-        """Coefficients (not negative) and features [R, 14 + 16] of rays, premultiplied.
+        """Decode coefficients (not negative) and features [R, 14 + 16] of rays, premultiplied.
 
         Args:
             gathered: as `forward` returns it.
@@ -97,13 +97,13 @@ class RelightableField(PlaneField):
         return gathered._replace(channels=channels * gathered.alpha[:, None])
 
     def decoder_inputs(self, gathered: Composite, view: Float[Tensor, "R 3"], occlusion: AmbientOcclusion) -> Tensor:
-        """What the decoder is given of rays: mean features near the skin, and angles."""
+        """Compute the decoder's inputs for rays: mean features near the skin, and angles."""
         mean = mean_features(gathered)
         normal, relief_normal = (normalize(values, dim=-1) for values in self.normals(mean))
         return torch.cat([mean[:, : self.near_channels], _angles(normal, relief_normal, view, occlusion)], -1)
 
     def normals(self, mean: Float[Tensor, "R K"]) -> tuple[Float[Tensor, "R 3"], Float[Tensor, "R 3"]]:
-        """The mesh's normal and the relief normal among gathered features, not of unit length."""
+        """Return the mesh's normal and the relief normal among gathered features, not of unit length."""
         at = self.near_channels
         return mean[:, at : at + 3], mean[:, self.normal_slice]
 

@@ -6,7 +6,7 @@ opaque whatever the field returns: where two parts of the skin touch, a sample i
 and would count as air. So a ray past a fingertip over the palm gets one interval on each and no samples in the gap,
 and a ray that only grazes the finger continues to what lies behind it.
 
-Where the skin's own surface is known, a ray that meets it is sampled there alone: from `BEFORE_M` before it to
+Where there is an avatar's surface, a ray that meets it is sampled there alone: from `BEFORE_M` before it to
 `BEHIND_M` behind it, where it ends opaque. Few samples then do what many did along the whole shell.
 
 Along a ray, `t` is depth in metres along the optical axis (ray directions have depth 1).
@@ -30,7 +30,7 @@ BEFORE_M, BEHIND_M = 0.0015, 0.0025
 LEAST_REACH_M = 0.0003
 """Rays with less of the shell there are sampled along all of it: the surface lies outside."""
 SAMPLES_AT_SURFACE = 3
-"""Samples per ray where the surface is known."""
+"""Samples per ray where there is an avatar's surface."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class SamplerConfig:
     """Surface crossings (front and back) kept per ray; the farthest are dropped."""
 
     def samples_along(self, hand: HandInView) -> int:
-        """N of rays in this view: fewer where a surface is known."""
+        """Return the N samples of rays in this view: fewer if it has an avatar's surface."""
         return self.samples_per_ray if hand.surface_depth is None else self.at_surface.samples_per_ray
 
     @property
     def at_surface(self) -> SamplerConfig:
-        """How the rays of a hand whose surface is known are sampled."""
+        """How rays are sampled that meet an avatar's surface."""
         return replace(self, samples_per_ray=min(self.samples_per_ray, SAMPLES_AT_SURFACE))
 
 
@@ -117,7 +117,7 @@ class Crossings(NamedTuple):
 
 
 def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> RaySamples:
-    """Samples of all rays that meet the shell.
+    """Sample all rays that meet the shell.
 
     Args:
         hand: the posed hand and its camera.
@@ -134,7 +134,7 @@ def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Genera
 
 
 def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
-    """The intervals of every ray that meets the shell."""
+    """Find the intervals of every ray that meets the shell."""
     mesh, topology, camera, surface_depth = hand[:4]
     shell = config.shell_m * mesh.scale * mesh.normals
     outer = _fragments_of(mesh.vertices + shell, topology, camera)
@@ -153,12 +153,12 @@ def _fragments_of(vertices: Tensor, topology: Topology, camera: CameraTensors) -
 
 
 def first_hit(hand: HandInView) -> NearestFronts:
-    """The mesh's first front face per pixel."""
+    """Find the mesh's first front face per pixel."""
     return nearest_fronts(_fragments_of(hand.mesh.vertices, hand.topology, hand.camera), hand.camera.size_px)
 
 
 def _by_ray(fragments: Fragments, max_layers: int) -> Crossings:
-    """Fragments as tables of one row per ray, sorted by depth."""
+    """Arrange fragments in tables of one row per ray, sorted by depth."""
     order = torch.argsort(fragments.depth)
     order = order[torch.argsort(fragments.pixel[order], stable=True)]
     pixel, row, count = torch.unique_consecutive(fragments.pixel[order], return_inverse=True, return_counts=True)
@@ -173,7 +173,7 @@ def _by_ray(fragments: Fragments, max_layers: int) -> Crossings:
 
 
 def _inside_intervals(crossings: Crossings) -> Intervals:
-    """The intervals in which each ray is inside: from a crossing that raises its nesting to 1 to the next exit.
+    """Find the intervals in which each ray is inside: from a crossing that raises its nesting to 1 to the next exit.
 
     A ray whose last exit is missing (clipped, or beyond the kept crossings) ends at its last crossing.
     """
@@ -220,7 +220,7 @@ def _without_empty(intervals: Intervals) -> Intervals:
 def _place_samples(
     intervals: Intervals, count: int, generator: torch.Generator | None
 ) -> tuple[Float[Tensor, "R N"], Float[Tensor, " R"], Float[Tensor, "R N"]]:
-    """Equal strata over the union of each ray's intervals: depths, their common step, and their intervals' `since`."""
+    """Place equal strata on the union of each ray's intervals: depths, their common step, the intervals' `since`."""
     length = intervals.end - intervals.start
     filled = length.cumsum(1)
     total = filled[:, -1]
@@ -232,7 +232,7 @@ def _place_samples(
 
 
 def strata(rays: int, count: int, like: Tensor, generator: torch.Generator | None) -> Float[Tensor, "R N"]:
-    """One point in each of `count` equal parts of (0, 1) per ray: jittered, or their centres."""
+    """Draw one point in each of `count` equal parts of (0, 1) per ray: jittered, or their centres."""
     if generator is None:
         jitter = like.new_full((rays, count), 0.5)
     else:

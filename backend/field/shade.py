@@ -30,7 +30,7 @@ class RayGeometry(NamedTuple):
 
     @classmethod
     def of(cls, rays: SurfaceRays, hand: HandInView) -> RayGeometry:
-        """The geometry of traced rays."""
+        """Compute the geometry of traced rays."""
         scale, length = hand.mesh.scale, rays.directions.norm(dim=-1)
         footprint_m = (rays.t / (hand.camera.focal_px * scale)).flatten()
         steps = Steps(rays.t, rays.dt * length / scale * 1000, rays.is_stopped)
@@ -55,7 +55,7 @@ def shade(
 
 
 def _points(rays: SurfaceRays, hand: HandInView, conditions: FrameConditions, in_bones: bool) -> SamplePoints:
-    """Where the samples lie in space."""
+    """Compute where the samples lie in space."""
     points = (ray_origin(hand.camera) + rays.t[..., None] * rays.directions[:, None, :]).flatten(0, 1)
     if not in_bones or conditions.bones is None or conditions.bone_weights is None:
         return SamplePoints(points, points.new_zeros(len(points), 0, 3), points.new_zeros(len(points), 0))

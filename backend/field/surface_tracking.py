@@ -59,7 +59,7 @@ def track(
 def _walk(
     points: Float[Tensor, "P 3"], face: Int[Tensor, " P"], topology: Topology, mesh: PosedMesh
 ) -> tuple[Int[Tensor, " P"], Float[Tensor, "P 3"], Float[Tensor, " P"]]:
-    """The closest point of the part that `face` is on: face, barycentrics, squared distance."""
+    """Walk to the closest point of the part that `face` is on: face, barycentrics, squared distance."""
     triangles = mesh.vertices[topology.faces]
     found = _closest_around(points, face, topology, triangles)
     for _ in range(MAX_STEPS - 1):
@@ -73,7 +73,7 @@ def _walk(
 def _closest_around(
     points: Float[Tensor, "P 3"], face: Int[Tensor, " P"], topology: Topology, triangles: Float[Tensor, "F 3 3"]
 ) -> tuple[Int[Tensor, " P"], Float[Tensor, "P 3"], Float[Tensor, " P"]]:
-    """The closest point of a face and its neighbours; the face itself comes first and wins ties."""
+    """Find the closest point of a face and its neighbours; the face itself comes first and wins ties."""
     candidates = topology.neighbours[face]
     barycentric, squared = closest_on_triangles(points[:, None, :], triangles[candidates])
     squared, best = squared.min(1)
@@ -82,7 +82,7 @@ def _closest_around(
 
 
 def _deepest(found: SurfaceSamples, ray: Int[Tensor, " P"], rays: int) -> SurfaceSamples:
-    """The candidate of least height per ray; every ray has at least one."""
+    """Choose the candidate of least height per ray; every ray has at least one."""
     order = torch.argsort(found.height_m, stable=True)
     order = order[torch.argsort(ray[order], stable=True)]
     is_first = torch.ones_like(order, dtype=torch.bool)

@@ -47,7 +47,7 @@ class Crop:
         return self.scale**2 * self.width * self.height
 
     def camera_of(self, camera: Camera) -> Camera:
-        """The low-resolution camera of the crop."""
+        """Return the low-resolution camera of the crop."""
         return camera.scaled(1 / self.scale).cropped(self.x0, self.y0, (self.width, self.height))
 
     def paste(self, values: np.ndarray, image: np.ndarray) -> None:
@@ -62,7 +62,7 @@ class Crop:
         image[rows, columns] = values[inner_rows, inner_columns]
 
     def cut(self, image: np.ndarray, outside: float = 0.0) -> np.ndarray:
-        """The full-resolution crop [2 height, 2 width, ...] of an image; `outside` fills what lies beyond it."""
+        """Cut the full-resolution crop [2 height, 2 width, ...] out of an image; `outside` fills what lies beyond."""
         rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
         width, height = self.full_size_px
         values = np.full((height, width, *image.shape[2:]), outside, image.dtype)
@@ -77,7 +77,7 @@ class Crop:
 
 
 def crop_of(mesh: PosedMesh, camera: Camera, config: SamplerConfig, scale: int = 2) -> Crop | None:
-    """The crop of a posed hand and its shell; None if nothing of it is in view."""
+    """Find the crop of a posed hand and its shell; None if nothing of it is in view."""
     tensors = camera_tensors(camera, mesh.vertices.device)
     positions_px, depth = project(tensors, mesh.vertices)
     reach_px = tensors.K.diagonal()[:2].abs().amax() * config.shell_m * mesh.scale / depth
@@ -87,7 +87,7 @@ def crop_of(mesh: PosedMesh, camera: Camera, config: SamplerConfig, scale: int =
 def hand_crop(
     positions_px: np.ndarray, depth: np.ndarray, reach_px: np.ndarray, size_px: tuple[int, int], scale: int = 2
 ) -> Crop | None:
-    """The crop of projected vertices [V, 2], each extended by `reach_px` [V]; None if nothing is in view."""
+    """Find the crop of projected vertices [V, 2], each extended by `reach_px` [V]; None if nothing is in view."""
     in_front = depth > NEAR_M
     if not in_front.any():
         return None
@@ -103,6 +103,6 @@ def hand_crop(
 
 
 def _overlap_1d(start: int, length: int, limit: int) -> tuple[slice, slice]:
-    """Where [start, start + length) overlaps [0, limit): as a slice of the image, and as one of the crop."""
+    """Find where [start, start + length) overlaps [0, limit): as a slice of the image, and as one of the crop."""
     first, last = max(start, 0), max(min(start + length, limit), 0)
     return slice(first, max(first, last)), slice(first - start, max(first, last) - start)

@@ -22,7 +22,7 @@ _MIN_ALPHA = 0.5 / 255
 def decode_frame(
     image: Float[Tensor, "4 h w"], depth: Float[Tensor, "h w"], window: Crop, size_px: tuple[int, int]
 ) -> Frame:
-    """The network's RGBA (sRGB-encoded colour times alpha) as a scene-linear premultiplied frame of the whole image."""
+    """Decode RGBA (sRGB-encoded colour times alpha) as a scene-linear premultiplied frame of the whole image."""
     alpha = _clear_alpha(image[3])
     encoded = torch.minimum(image[:3].clamp(min=0), alpha)
     straight = encoded / torch.where(alpha > 0, alpha, torch.ones_like(alpha))
@@ -37,7 +37,7 @@ def linear_frame(
     size_px: tuple[int, int],
     profile: DepthProfile | None,
 ) -> Frame:
-    """Scene-linear colours that are premultiplied, of any brightness, as a frame of the whole image."""
+    """Make a frame of the whole image of premultiplied scene-linear colours of any brightness."""
     alpha = _clear_alpha(alpha)
     hidden = (alpha <= 0).flatten().nonzero()[:, 0]
     pixels = colours.permute(1, 2, 0).flatten(0, 1).index_fill(0, hidden, 0.0)  # pixel by pixel, as colours lie
@@ -59,7 +59,7 @@ def _frame(linear: Tensor, alpha: Tensor, depth: Tensor, window: Crop, size_px: 
 
 
 def straight_srgb(frame: Frame) -> np.ndarray:
-    """[H, W, 4] float32 in 0..1 of a frame: straight colour, sRGB-encoded, and alpha."""
+    """Convert a frame to [H, W, 4] float32 in 0..1: straight colour, sRGB-encoded, and alpha."""
     alpha = frame.alpha[..., None]
     straight = torch.as_tensor(frame.rgb / np.where(alpha > 0, alpha, 1)).clamp(0, 1)
     return np.concatenate([linear_to_srgb(straight).numpy(), alpha], -1)

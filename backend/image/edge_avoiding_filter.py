@@ -42,7 +42,7 @@ class RaySurfacePoints(NamedTuple):
 
     @classmethod
     def of(cls, points: SurfacePoints, pixel: Tensor, size_px: tuple[int, int], scale: Tensor) -> RaySurfacePoints:
-        """Of rays at `pixel`; `scale` is the posed mesh's."""
+        """Prepare the rays at `pixel` for the filter; `scale` is the posed mesh's."""
         return cls(points.position, points.normal, pixel, size_px, OFF_PLANE_M * float(scale))
 
 
@@ -51,7 +51,7 @@ EdgeAvoidingMean = Callable[[Tensor, RaySurfacePoints, int], Tensor]
 
 
 def edge_avoiding_mean(values: Float[Tensor, "R C"], hit_points: RaySurfacePoints, stride: int) -> Float[Tensor, "R C"]:
-    """Means over 3 x 3 rays, `stride` apart, on the same surface (Dammertz et al. 2010, edge-avoiding wavelets)."""
+    """Average over 3 x 3 rays, `stride` apart, on the same surface (Dammertz et al. 2010, edge-avoiding wavelets)."""
     position, normal = hit_points.position, hit_points.normal
     row, at = _rows_around(hit_points, stride)
     summed, total = SHARES[0] * values, values.new_full((len(values), 1), SHARES[0])
@@ -71,12 +71,12 @@ def edge_avoiding_mean(values: Float[Tensor, "R C"], hit_points: RaySurfacePoint
 def smoothed_light(
     features: LightFeatures, hit_points: RaySurfacePoints, means: EdgeAvoidingMean = edge_avoiding_mean
 ) -> LightFeatures:
-    """The features with each ray's light as the mean of the rays beside it on the same surface."""
+    """Smooth the features: each ray's light becomes the mean of the rays beside it on the same surface."""
     return with_ray_rows(features, means(ray_rows(features), hit_points, 1))
 
 
 def _rows_around(hit_points: RaySurfacePoints, border: int) -> tuple[Int[Tensor, " P"], Int[Tensor, " R"]]:
-    """Which ray each pixel of the image has, -1 for none, with a border around it; and where the rays stand in it."""
+    """Find the ray of each pixel of the image, -1 for none, with a border around it, and the rays' positions in it."""
     width, height = hit_points.size_px
     wide = width + 2 * border
     at = (torch.div(hit_points.pixel, width, rounding_mode="floor") + border) * wide + hit_points.pixel % width + border

@@ -49,7 +49,7 @@ SHARP = ExposureSample(0.0, (0.0, 0.0))
 
 
 def exposure_samples(count: int, shutter: Shutter | None, lens: Lens | None) -> tuple[ExposureSample, ...]:
-    """The samples of a frame, the one nearest to the frame itself first.
+    """Make the samples of a frame, the one nearest to the frame itself first.
 
     Args:
         count: how many, if the frame is blurred at all.
@@ -69,12 +69,12 @@ def exposure_samples(count: int, shutter: Shutter | None, lens: Lens | None) -> 
 
 
 def _scattered(count: int) -> np.ndarray:
-    """The numbers 0..count - 1 in an order in which any few in a row are spread evenly: by their bits reversed."""
+    """Order the numbers 0..count - 1 so that any few in a row are spread evenly: by their bits reversed."""
     bits = max(1, (count - 1).bit_length())
     reversed_bits = [int(f"{number:0{bits}b}"[::-1], 2) for number in range(count)]
     return np.argsort(np.argsort(reversed_bits))
 
 
 def camera_of_sample(camera: Camera, lens: Lens | None, sample: ExposureSample) -> Camera:
-    """The camera that looks through the sample's point of the lens."""
+    """Return the camera that looks through the sample's point of the lens."""
     return camera if lens is None else camera.through_lens(lens.radius_m * np.array(sample.lens), lens.focus_m)

@@ -25,7 +25,7 @@ class Grade:
 
 
 def graded(frame: Frame, grade: Grade) -> Frame:
-    """The frame with graded colours; alpha and depth do not change. A neutral grade returns the same frame.
+    """Grade the colours of the frame; alpha and depth do not change. A neutral grade returns the same frame.
 
     Colours that a negative bias pushes below zero are clipped.
     """

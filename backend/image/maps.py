@@ -16,7 +16,7 @@ from .crop import MARGIN_PX, Crop
 
 
 def depth_profile(rays: RenderedRays, crop: Crop, size_px: tuple[int, int]) -> DepthProfile:
-    """The profile of rays at half the image's size."""
+    """Return the depth profile of rays at half the image's size."""
     in_crop, (width, height) = np.full(crop.height * crop.width, -1, np.int32), size_px
     in_crop[rays.pixel.cpu().numpy()] = np.arange(len(rays.pixel), dtype=np.int32)
     row = np.full(((height + 1) // 2, (width + 1) // 2), -1, np.int32)
@@ -27,7 +27,7 @@ def depth_profile(rays: RenderedRays, crop: Crop, size_px: tuple[int, int]) -> D
 
 
 def ray_of_pixel(pixel: Int[Tensor, " R"], count: int) -> Int[Tensor, " P"]:
-    """Which ray each of the `count` pixels of an image has, -1 for none."""
+    """Find the ray of each of the `count` pixels of an image, -1 for none."""
     return torch.full((count,), -1, device=pixel.device).index_put(
         (pixel,), torch.arange(len(pixel), device=pixel.device)
     )
@@ -36,7 +36,7 @@ def ray_of_pixel(pixel: Int[Tensor, " R"], count: int) -> Int[Tensor, " P"]:
 def image_of(
     superres: Callable[[Tensor], Tensor], low: Composite, pixel: Tensor, size_px: tuple[int, int], scale: int
 ) -> tuple[Float[Tensor, "4 H W"], Float[Tensor, "H W"]]:
-    """Super-resolved RGBA, not clamped, and depth (infinite where no ray meets the hand).
+    """Compute super-resolved RGBA, not clamped, and depth (infinite where no ray meets the hand).
 
     Args:
         superres: the network.
@@ -54,7 +54,7 @@ def image_of(
 def enlarge_maps(
     superres: Callable[[Tensor], Tensor], maps: Float[Tensor, "C h w"], pixels_per_band: int = 1 << 17
 ) -> Float[Tensor, "D H W"]:
-    """Super-resolved RGBA; large maps in bands that overlap by the network's reach, so that no seam is visible."""
+    """Super-resolve maps to RGBA; large ones in bands that overlap by the network's reach, so that no seam shows."""
     height, width = maps.shape[1:]
     rows = max(1, pixels_per_band // width)
     bands = []
@@ -71,7 +71,7 @@ def enlarge_maps(
 def low_resolution_maps(
     low: Composite, pixel: Tensor, size_px: tuple[int, int]
 ) -> tuple[Float[Tensor, "C h w"], Float[Tensor, "h w"]]:
-    """Rays scattered into maps [colour 3, features 29, alpha 1], zero where there is no ray; and depth."""
+    """Scatter rays into maps [colour 3, features 29, alpha 1], zero where there is no ray; and depth."""
     width, height = size_px
     values = torch.cat([low.channels, low.alpha[:, None].to(low.channels.dtype)], -1)
     maps = values.new_zeros(width * height, values.shape[1]).index_put_((pixel,), values)

@@ -12,7 +12,7 @@ from ..records.frame import DEPTH_BACKGROUND
 
 
 def scene_depth(triangles: np.ndarray, camera: Camera) -> np.ndarray:
-    """[H, W] m along the optical axis; `DEPTH_BACKGROUND` where there is nothing.
+    """Rasterise the depth [H, W], m along the optical axis; `DEPTH_BACKGROUND` where there is nothing.
 
     Args:
         triangles: [T, 3, 3] in the world, m, all before the camera.

@@ -44,7 +44,7 @@ class ShadingInputs(NamedTuple):
         share: [P, 4] of the four rays around each in its light: upper left, upper right, lower left, lower right.
         alpha: [H, W] not clamped; 0 at all other pixels.
         depth: [H, W] m; infinite where no ray meets the hand.
-        skin: what is known of it; None: nothing.
+        skin: bump mapping of the avatar's surface; None: there is none.
     """
 
     pixel: Tensor
@@ -102,7 +102,7 @@ Views = Callable[[CameraTensors, Tensor], Tensor]
 def enlarged_rays(
     maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
 ) -> EnlargedRays:
-    """The rays' maps at full size with their detail, at the covered pixels; elsewhere alpha is 0."""
+    """Enlarge the rays' maps to full size with their detail, at the covered pixels; elsewhere alpha is 0."""
     image = detailed(maps, detail).flatten(1)
     alpha = torch.zeros_like(image[-1]).index_put((covered,), image[-1, covered])
     return EnlargedRays(
@@ -159,12 +159,12 @@ def shading_inputs(
 def smooth_enlarged_rays(
     maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
 ) -> EnlargedRays:
-    """`enlarged_rays`, as `smoothed_rays`."""
+    """Enlarge the rays as `enlarged_rays` does, and smooth them as `smoothed_rays` does."""
     return smoothed_rays(enlarged_rays(maps, detail, covered, world2cam), covered, detail.shape[-1])
 
 
 def smoothed_rays(large: EnlargedRays, covered: Int[Tensor, " P"], width: int) -> EnlargedRays:
-    """Coefficients and normals without what alternates from pixel to pixel, as means over 3 x 3 pixels of the hand.
+    """Remove from coefficients and normals what alternates from pixel to pixel, by means over 3 x 3 pixels of the hand.
 
     Super-resolution leaves such a pattern where coverage is partial: outlines against a rim light are dotted without.
     Alpha stays.
@@ -186,14 +186,14 @@ def smoothed_rays(large: EnlargedRays, covered: Int[Tensor, " P"], width: int) -
 def relightable_maps(
     low: Composite, points: SurfacePoints, pixel: Int[Tensor, " R"], camera: CameraTensors
 ) -> tuple[Float[Tensor, "34 h w"], Float[Tensor, "h w"]]:
-    """The maps that `RelightableSuperRes` takes, and depth."""
+    """Make the maps that `RelightableSuperRes` takes, and depth."""
     normal = (points.relief_normal @ camera.world2cam[:3, :3].T) * low.alpha[:, None]
     stacked = low._replace(channels=torch.cat([low.channels.float(), normal], 1))
     return low_resolution_maps(stacked, pixel, camera.size_px)
 
 
 def detailed(maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"]) -> Float[Tensor, "18 H W"]:
-    """The full-size image: straight coefficients (not negative), normal in camera axes (of any length), alpha."""
+    """Make the full-size image: straight coefficients (not negative), normal in camera axes (of any length), alpha."""
     base = enlarge(torch.cat([maps[:COEFFICIENTS], maps[-4:]])[None])[0]
     alpha = base[-1:]
     straight = torch.cat([base[:-1] / alpha.clamp(min=MIN_ALPHA), alpha])
@@ -205,7 +205,7 @@ def detailed(maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"]) -> 
 def shade_image(
     image: ShadingInputs, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
 ) -> Float[Tensor, "3 H W"]:
-    """Scene-linear colours, premultiplied by alpha, of an image at twice `size_px`.
+    """Compute scene-linear colours, premultiplied by alpha, of an image at twice `size_px`.
 
     Args:
         image: of the hand.
@@ -221,24 +221,24 @@ def shade_image(
 
 
 def shade_rays(low: Composite, points: SurfacePoints, features: LightFeatures) -> Float[Tensor, "R 3"]:
-    """Scene-linear colours of the low-resolution rays, premultiplied."""
+    """Compute scene-linear colours of the low-resolution rays, premultiplied."""
     return shaded_colour(low.channels[:, :COEFFICIENTS], points.relief_normal, points.view, features)
 
 
 def feature_maps(features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]) -> Float[Tensor, "P C"]:
-    """The features on the low-resolution grid, zero where there is no ray."""
+    """Scatter the features over the low-resolution grid, zero where there is no ray."""
     rows, (width, height) = ray_rows(features), size_px
     return rows.new_zeros(width * height, rows.shape[1]).index_put_((pixel,), rows)
 
 
 def ray_rows(features: LightFeatures) -> Float[Tensor, "R C"]:
-    """All that differs from ray to ray, a row for each; it may share the features' memory."""
+    """Join all that differs from ray to ray, a row for each; it may share the features' memory."""
     parts = [getattr(features, name).flatten(1) for name in _OF_RAYS]
     return torch.cat(parts, 1) if (whole := _side_by_side(parts)) is None else whole
 
 
 def _side_by_side(parts: list[Tensor]) -> Float[Tensor, "R C"] | None:
-    """The matrix whose columns are these, as `with_ray_rows` leaves them; None if they are not."""
+    """Return the matrix whose columns are these, as `with_ray_rows` leaves them; None if they are not."""
     first, columns, rows = parts[0], sum(part.shape[1] for part in parts), len(parts[0])
     start, storage = first.storage_offset(), first.untyped_storage().data_ptr()
     for part in parts:
@@ -250,7 +250,7 @@ def _side_by_side(parts: list[Tensor]) -> Float[Tensor, "R C"] | None:
 
 
 def with_ray_rows(features: LightFeatures, rows: Float[Tensor, "P C"]) -> LightFeatures:
-    """The same light at other points, whose rows are as `ray_rows` gives them."""
+    """Return the same light at other points, whose rows are as `ray_rows` gives them."""
     shapes = [getattr(features, name).shape[1:] for name in _OF_RAYS]
     parts = rows.split([shape.numel() for shape in shapes], 1)
     named = zip(_OF_RAYS, shapes, parts, strict=True)
@@ -258,14 +258,14 @@ def with_ray_rows(features: LightFeatures, rows: Float[Tensor, "P C"]) -> LightF
 
 
 def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], image: ShadingInputs) -> LightFeatures:
-    """The features at the pixels of the full-size image."""
+    """Interpolate the features at the pixels of the full-size image."""
     maps = feature_maps(features, pixel, size_px)
     around, _ = neighbours(image.pixel, size_px)
     return with_ray_rows(features, (maps[around] * image.share[..., None]).sum(1))
 
 
 def neighbours(at: Int[Tensor, " P"], size_px: tuple[int, int]) -> tuple[Int[Tensor, "P 4"], Float[Tensor, "P 4"]]:
-    """The four low-resolution pixels around pixels of the full-size image, and their bilinear weights."""
+    """Find the four low-resolution pixels around pixels of the full-size image, and their bilinear weights."""
     width, height = size_px
     x, y = at % (2 * width), torch.div(at, 2 * width, rounding_mode="floor")
     columns = torch.stack([(x + 1) // 2 - 1, (x + 1) // 2], 1).clamp(0, width - 1)
@@ -283,7 +283,7 @@ def shares_of_rays(
     at: Int[Tensor, " P"],
     skin: SurfaceDepth,
 ) -> Float[Tensor, "P 4"]:
-    """How much each ray around a pixel of the full-size image tells of the light there; they add up to 1.
+    """Compute how much each ray around a pixel of the full-size image counts for the light there; they add up to 1.
 
     Bilinear among the rays that there are, and that meet the surface which the pixel shows: else a finger before the
     palm would have the palm's light in the steps of the rays. (Joint bilateral upsampling, Kopf et al. 2007.)
@@ -308,7 +308,7 @@ def shares_of_rays(
 def normals_at_steps(
     normal: Float[Tensor, "P 3"], relief_normal: Float[Tensor, "R 3"], rays: RaysAround
 ) -> Float[Tensor, "P 3"]:
-    """The normals, at steps of depth as the rays have them that tell of the light there.
+    """Replace the normals at steps of depth by those of the rays that count for the light there.
 
     Else the light that falls on a finger would, beside its outline, shine on the normal of the palm behind it.
 
@@ -327,7 +327,7 @@ def normals_at_steps(
 
 
 def ray_depths(position: Float[Tensor, "R 3"], pixel: Int[Tensor, " R"], camera: CameraTensors) -> Float[Tensor, " P"]:
-    """Depth of the positions in the rays' image, m; infinite where there is no ray."""
+    """Compute the depth of the positions in the rays' image, m; infinite where there is no ray."""
     depth = position @ camera.world2cam[2, :3] + camera.world2cam[2, 3]
     width, height = camera.size_px
     return depth.new_full((width * height,), torch.inf).index_put((pixel,), depth)
@@ -336,7 +336,7 @@ def ray_depths(position: Float[Tensor, "R 3"], pixel: Int[Tensor, " R"], camera:
 def _guided(
     share: Float[Tensor, "P 4"], depth_of_rays: Float[Tensor, "P 4"], depth: Float[Tensor, " P"], edge_m: Tensor
 ) -> Float[Tensor, "P 4"]:
-    """The shares of the rays at a depth, or of all if none is there."""
+    """Keep the shares of the rays at a depth, or of all if none is there."""
     gap = (depth[:, None] - depth_of_rays) / edge_m
     guided = share * torch.exp(-gap.square().nan_to_num(torch.inf))
     chosen = torch.where(guided.sum(1, keepdim=True) > _LEAST_SHARE, guided, share)
@@ -344,7 +344,7 @@ def _guided(
 
 
 def _beside(at: Int[Tensor, " P"], size_px: tuple[int, int]) -> Int[Tensor, "4 P"]:
-    """The pixels to the left, right, above and below, within the image."""
+    """Find the pixels to the left, right, above and below, within the image."""
     width, height = size_px
     x, y = at % width, torch.div(at, width, rounding_mode="floor")
     rows = [y, y, (y - 1).clamp(min=0), (y + 1).clamp(max=height - 1)]
@@ -353,7 +353,7 @@ def _beside(at: Int[Tensor, " P"], size_px: tuple[int, int]) -> Int[Tensor, "4 P
 
 
 def covered_pixels(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]:
-    """The pixels of the full-size image that a bilinear enlargement of the rays reaches."""
+    """Find the pixels of the full-size image that a bilinear enlargement of the rays reaches."""
     width, height = size_px
     has_ray = torch.zeros(1, 1, height, width, device=pixel.device)
     has_ray.view(-1)[pixel] = 1
@@ -361,12 +361,12 @@ def covered_pixels(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]
 
 
 def at_full_size(hand: HandInView) -> HandInView:
-    """The hand in an image of twice the size."""
+    """Return the hand in an image of twice the size."""
     return hand._replace(camera=doubled(hand.camera), surface_depth=None)
 
 
 def doubled(camera: CameraTensors) -> CameraTensors:
-    """The camera of an image of twice the size."""
+    """Return the camera of an image of twice the size."""
     width, height = camera.size_px
     scale = camera.K.new_tensor([2.0, 2.0, 1.0])
     return camera._replace(K=scale[:, None] * camera.K, size_px=(2 * width, 2 * height))

@@ -8,11 +8,11 @@ from torch import Tensor
 
 
 def srgb_to_linear(encoded: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
-    """Encoded -> linear light."""
+    """Decode sRGB to linear light."""
     return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded.clamp(min=0) + 0.055) / 1.055) ** 2.4)
 
 
 def linear_to_srgb(linear: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
-    """Linear light -> encoded."""
+    """Encode linear light as sRGB."""
     curved = 1.055 * linear.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
     return torch.where(linear <= 0.0031308, linear * 12.92, curved)

@@ -50,7 +50,7 @@ class SuperResConfig:
 
 
 def build_superres(config: SuperResConfig) -> nn.Module:
-    """The network the configuration names, with fresh weights."""
+    """Build the network that the configuration names, with fresh weights."""
     networks: dict[str, Callable[[SuperResConfig], nn.Module]] = {
         "paper": PaperSuperRes,
         "light": SmallSuperRes,
@@ -69,7 +69,7 @@ class BilinearSuperRes(nn.Module):
         self.config = config
 
     def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 2*H 2*W"]:
-        """RGBA."""
+        """Compute RGBA."""
         return _graded(enlarge(_rgba(maps)), self.config)
 
 
@@ -81,7 +81,7 @@ class NoSuperRes(nn.Module):
         self.config = config
 
     def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 H W"]:
-        """RGBA."""
+        """Compute RGBA."""
         return _graded(_rgba(maps), self.config)
 
 
@@ -98,22 +98,22 @@ class ResidualSuperRes(nn.Module):
             nn.init.zeros_(parameter)  # start as bilinear enlargement
 
     def forward(self, maps: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D 2*H 2*W"]:
-        """The maps at twice the size."""
+        """Compute the maps at twice the size."""
         return self.added(maps, self.residual(maps))
 
     def added(self, maps: Tensor, residual: Tensor) -> Tensor:
-        """The result for the maps and their residual."""
+        """Combine the maps with their residual."""
         raise NotImplementedError
 
     def residual(self, maps: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D 2*H 2*W"]:
-        """What the convolutions add."""
+        """Compute the residual that the convolutions add."""
         hidden = leaky_relu(self.head(maps), 0.2, inplace=True)
         for layer in self.body:
             hidden = _sum(leaky_relu(layer(hidden), 0.2, inplace=True), hidden)
         return pixel_shuffle(conv2d(hidden, *self.even_tail(), padding=1), 2)
 
     def even_tail(self) -> tuple[Float[Tensor, "F W 3 3"], Float[Tensor, " F"]]:
-        """Weight and bias of the last convolution, whose four pixels are equal wherever its input is even.
+        """Return weight and bias of the last convolution, whose four pixels are equal wherever its input is even.
 
         The learnt ones are so only nearly, which shows on smooth skin as a lattice of two pixels. The four pixels' sums
         over the window are made equal by what they differ from their mean, in binomial shares.
@@ -133,7 +133,7 @@ class SmallSuperRes(ResidualSuperRes):
         super().__init__(config, CHANNELS + 1, RGBA)
 
     def added(self, maps: Float[Tensor, "B 33 H W"], residual: Float[Tensor, "B 4 2*H 2*W"]) -> Tensor:
-        """RGBA, not clamped."""
+        """Combine the maps with their residual into RGBA, not clamped."""
         return _graded(_sum(enlarge(_rgba(maps)), residual), self.config)
 
 
@@ -144,7 +144,7 @@ class RelightableSuperRes(ResidualSuperRes):
         super().__init__(config, RELIGHTABLE_MAPS, RELIGHTABLE_DETAIL)
 
     def added(self, maps: Float[Tensor, "B 34 H W"], residual: Float[Tensor, "B 12 2*H 2*W"]) -> Tensor:
-        """What is added to the straight coefficients after the first `SMOOTH`, to the normal and to alpha."""
+        """Compute what is added to the straight coefficients after the first `SMOOTH`, to the normal and to alpha."""
         return residual
 
 
@@ -166,7 +166,7 @@ class PaperSuperRes(nn.Module):
             nn.init.zeros_(parameter)
 
     def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 2*H 2*W"]:
-        """RGBA, not clamped."""
+        """Compute RGBA, not clamped."""
         hidden = maps[:, :CHANNELS]
         for layer in self.low:
             hidden = leaky_relu(layer(hidden), 0.2, inplace=True)
@@ -178,17 +178,17 @@ class PaperSuperRes(nn.Module):
 
 
 def enlarge(image: Float[Tensor, "B C H W"]) -> Float[Tensor, "B C 2*H 2*W"]:
-    """Bilinear, with the grids' corners aligned."""
+    """Enlarge bilinearly, with the grids' corners aligned."""
     return interpolate(image, scale_factor=2, mode="bilinear", align_corners=False)
 
 
 def _sum(a: Tensor, b: Tensor) -> Tensor:
-    """The sum; in place of `a` if there is no gradient, because new memory costs as much as the convolutions."""
+    """Add both; in place of `a` if there is no gradient, because new memory costs as much as the convolutions."""
     return a + b if torch.is_grad_enabled() else a.add_(b)
 
 
 def _graded(rgba: Float[Tensor, "B 4 H W"], config: SuperResConfig) -> Float[Tensor, "B 4 H W"]:
-    """The premultiplied picture with the configured gain and bias."""
+    """Apply the configured gain and bias to the premultiplied picture."""
     if config.gain == (1, 1, 1) and config.bias == (0, 0, 0):
         return rgba
     gain, bias = (rgba.new_tensor(values)[:, None, None] for values in (config.gain, config.bias))
@@ -196,5 +196,5 @@ def _graded(rgba: Float[Tensor, "B 4 H W"], config: SuperResConfig) -> Float[Ten
 
 
 def _rgba(maps: Tensor) -> Tensor:
-    """Colour and alpha of the stack [colour 3, features 29, alpha 1]."""
+    """Take colour and alpha of the stack [colour 3, features 29, alpha 1]."""
     return torch.cat([maps[:, :3], maps[:, CHANNELS:]], 1)

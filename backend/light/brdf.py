@@ -39,7 +39,7 @@ def ggx(
     nail: Float[Tensor, "*#n"] | None = None,
     broad_squared: Float[Tensor, "*#n"] | None = None,
 ) -> Float[Tensor, "... 2"]:
-    """Reflected light in two lobes per unit of arriving light (GGX, Smith, Fresnel; Walter et al. 2007).
+    """Compute the light reflected in two lobes per unit of arriving light (GGX, Smith, Fresnel; Walter et al. 2007).
 
     A light of some size widens the lobe: half vectors fill a disc of half its angle t, and the mean of the distribution
     over that disc is, in its middle, exactly that of a lobe with alpha^2 + t^2.
@@ -73,20 +73,20 @@ def ggx(
 
 
 def fresnel(cosine: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
-    """The share of light that a smooth surface reflects, by the cosine; Schlick's is a fifth less at 60 degrees."""
+    """Compute the share of light that a smooth surface reflects, by the cosine; Schlick's is 20% less at 60 degrees."""
     inside = (INDEX**2 - 1 + cosine**2).sqrt()
     less, more = inside - cosine, inside + cosine
     return 0.5 * (less / more) ** 2 * (1 + ((cosine * more - 1) / (cosine * less + 1)) ** 2)
 
 
 def squared_alphas(nail: Tensor | None, broad_squared: Tensor | None) -> tuple[float | Tensor, float | Tensor]:
-    """Of both lobes; arguments as of `ggx`."""
+    """Return the squared alphas of both lobes; arguments as of `ggx`."""
     tight, broad = alphas(nail)
     return tight**2, broad**2 if broad_squared is None else broad_squared
 
 
 def alphas(nail: Tensor | None) -> tuple[float | Tensor, float]:
-    """Of the microfacets in both lobes; `nail` as in `ggx`."""
+    """Return the alphas of the microfacets in both lobes; `nail` as in `ggx`."""
     tight, broad = (roughness**2 for roughness in ROUGHNESS)
     return (tight if nail is None else tight + (NAIL_ROUGHNESS**2 - tight) * nail), broad
 
@@ -100,7 +100,7 @@ _LEAST_BEND = 1e-4  # sine of the angle between both normals
 def bump_shadowing(
     normal: Float[Tensor, "*#n 3"], surface_normal: Float[Tensor, "*#n 3"], towards: Float[Tensor, "*#n 3"]
 ) -> Float[Tensor, "*n"]:
-    """The share of a light's diffuse reflection that remains (Chiang, Li and Burley 2019); without gradients.
+    """Compute the share of a light's diffuse reflection that remains (Chiang et al. 2019); without gradients.
 
     Args:
         normal: unit, bent.
@@ -116,7 +116,7 @@ def bump_shadowing(
 def clamped_reflection_normal(
     normal: Float[Tensor, "P 3"], surface_normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"]
 ) -> Float[Tensor, "P 3"]:
-    """The normals, bent back towards the surface's as far as the mirrored view would run into the surface.
+    """Bend the normals back towards the surface's as far as the mirrored view would run into the surface.
 
     Those that are have no gradients.
 
@@ -138,7 +138,7 @@ def horizon_occlusion(
     view: Float[Tensor, "P 3"],
     alpha_squared: Float[Tensor, "P L"],
 ) -> Float[Tensor, "P L"]:
-    """The share of a lobe's light that comes from above the surface, against that from above the bump's own plane.
+    """Compute the share of a lobe's light that comes from above the surface, against that from above the bump's plane.
 
     A lobe of half vectors after the distribution of GGX has its part ``(1 + s / (alpha^2 + s^2)^0.5) / 2`` on one side
     of a plane; s is the tangent of half the angle between that plane and the mirrored view. Without gradients.
@@ -157,7 +157,7 @@ def horizon_occlusion(
 
 
 def _part_of_lobe(cosine: Float[Tensor, "P 1"], alpha_squared: Float[Tensor, "P L"]) -> Float[Tensor, "P L"]:
-    """Twice the part above a plane, by the cosine of the mirrored view and the plane's normal."""
+    """Compute twice the part of a lobe above a plane, by the cosine of the mirrored view and the plane's normal."""
     tangent = cosine / (1 + (1 - cosine * cosine).clamp(min=0).sqrt())
     return 1 + tangent / (alpha_squared + tangent * tangent).sqrt()
 
@@ -184,25 +184,25 @@ COSINES = 65
 """Of the view, that are tabulated: 1 - x^2 for x from 0 to 1, for straight on directions turn with the angle."""
 SHARE, AHEAD, UP, WIDTH = range(4)
 """What is known of an isotropic lobe: how much it reflects of even light; its direction, along the surface away from
-the eye and along the normal; its width, a place among `WIDTHS`, between which the light of both is mixed."""
+the eye and along the normal; its width, a position among `WIDTHS`, between which the light of both is mixed."""
 _HALF_VECTORS = 48  # along each of their two coordinates
 _LEAST_COSINE = 1e-3  # so that a sky of few texels has some around every direction
 
 
 def isotropic_weight(cosine: Float[Tensor, "*n"], alpha: float) -> Float[Tensor, "*n"]:
-    """Weight of light in an isotropic lobe, by the cosine of its direction and the lobe's."""
+    """Compute the weight of light in an isotropic lobe, by the cosine of its direction and the lobe's."""
     to_half_squared = (1 + cosine) / 2
     return cosine.clamp(min=_LEAST_COSINE) / (to_half_squared * (alpha**2 - 1)).add_(1).square_()
 
 
 @lru_cache(maxsize=1)
 def isotropic_lobes() -> Float[np.ndarray, "A C 2 4"]:
-    """Both isotropic lobes for each roughness and cosine of the view, the lower one first."""
+    """Compute both isotropic lobes for each roughness and cosine of the view, the lower one first."""
     return torch.stack([_pair(float(alpha)) for alpha in np.linspace(LEAST_ROUGHNESS, 1, ROUGHNESSES) ** 2]).numpy()
 
 
 def lobes_at(to_eye: Float[Tensor, " P"], alpha_squared: Float[Tensor, " P"], table: Tensor) -> Float[Tensor, "P 2 4"]:
-    """The isotropic lobes of P points, from the table.
+    """Look up the isotropic lobes of P points in the table.
 
     Args:
         to_eye: cosine of normal and eye.
@@ -220,7 +220,7 @@ def lobes_at(to_eye: Float[Tensor, " P"], alpha_squared: Float[Tensor, " P"], ta
 
 
 def _pair(alpha: float) -> Float[Tensor, "C 2 4"]:
-    """Of a lobe, by half vectors drawn after its distribution; the plane is x, z."""
+    """Fit both isotropic lobes to a lobe, by half vectors drawn after its distribution; the plane is x, z."""
     to_eye = (1 - torch.linspace(0, 1, COSINES) ** 2).clamp(min=LEAST_TO_EYE)
     view = torch.stack([(1 - to_eye**2).sqrt(), torch.zeros(COSINES), -to_eye], -1)[:, None]
     drawn, turn = torch.meshgrid(*[(torch.arange(_HALF_VECTORS) + 0.5) / _HALF_VECTORS] * 2, indexing="ij")
@@ -238,7 +238,7 @@ def _pair(alpha: float) -> Float[Tensor, "C 2 4"]:
 
 
 def _halves(light: Float[Tensor, "C N"], towards: Float[Tensor, "C N 3"]) -> tuple[Tensor, Tensor]:
-    """Which directions are the lower and which the upper half of the light, [C, N] each."""
+    """Split the light by direction into its lower and its upper half, [C, N] each."""
     order = torch.atan2(towards[..., 2], towards[..., 0]).argsort(1)
     summed = light.gather(1, order).cumsum(1)
     is_lower = torch.zeros_like(light).scatter(1, order, (summed <= 0.5 * summed[:, -1:]).float())
@@ -246,7 +246,7 @@ def _halves(light: Float[Tensor, "C N"], towards: Float[Tensor, "C N 3"]) -> tup
 
 
 def _round(part: Float[Tensor, "C N"], light: Float[Tensor, "C N"], towards: Float[Tensor, "C N 3"]) -> Tensor:
-    """[C, 4] the isotropic lobe of a part of the light."""
+    """Fit an isotropic lobe [C, 4] to a part of the light."""
     middle = torch.nn.functional.normalize((light[..., None] * towards).sum(1), dim=-1)
     upward = torch.stack([-middle[:, 2], torch.zeros(COSINES), middle[:, 0]], -1)
     share = part.sum(1)
@@ -262,7 +262,7 @@ def _round(part: Float[Tensor, "C N"], light: Float[Tensor, "C N"], towards: Flo
 
 
 def _points(across: Float[Tensor, " C"]) -> Float[Tensor, " C"]:
-    """Among `WIDTHS`, of an isotropic lobe of this second moment across its direction."""
+    """Find the position among `WIDTHS` of an isotropic lobe of this second moment across its direction."""
     cosine = torch.linspace(-1, 1, 20001)
     moments = []
     for alpha in WIDTHS:

@@ -1,9 +1,9 @@
 """One diffuse bounce of light between parts of the hand, by form factors of surfels.
 
-The surface is taken for discs around its vertices, whose light is known. What a point receives from a disc is the form
-factor of a small surface and a disc (Wallace et al. 1989, "A ray tracing algorithm for progressive radiosity"); what
-stands between them is left out. Where skin nearly touches, discs are coarse: the factors' sum is at most 1. It varies
-slowly, so that vertices receive it, and what lies on faces has the mean of their corners.
+The surface is taken for discs around its vertices (surfels), whose radiance is given. What a point receives from a disc
+is the form factor of a small surface and a disc (Wallace et al. 1989, "A ray tracing algorithm for progressive
+radiosity"); occlusion between them is left out. Where skin nearly touches, discs are coarse: the factors' sum is at
+most 1. It varies slowly, so that vertices receive it, and what lies on faces has the mean of their corners.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Surfels(NamedTuple):
 
     @classmethod
     def of(cls, mesh: PosedMesh, topology: Topology, most: int = MOST_SURFELS) -> Surfels:
-        """At most so many discs as large as a third of the faces around each vertex; together as large as the hand."""
+        """Make at most so many discs, each a third of the faces around a vertex; together as large as the hand."""
         a, b, c = mesh.vertices[topology.faces].unbind(1)
         thirds = torch.linalg.cross(b - a, c - a).norm(dim=-1, keepdim=True).expand(-1, 3) / 6
         area_m2 = thirds.new_zeros(len(mesh.vertices)).index_add(0, topology.faces.flatten(), thirds.flatten())
@@ -62,12 +62,12 @@ class Surfels(NamedTuple):
         return self._of_chosen(self.normals)
 
     def _of_chosen(self, values: Float[Tensor, "V 3"]) -> Float[Tensor, "P 3"]:
-        """They are in order: as many as there are vertices are all of them."""
+        """Select the values of the surfels; they are in order: as many as there are vertices are all of them."""
         return values if len(self.chosen) == len(values) else values[self.chosen]
 
 
 def surfel_vertices(count: int, most: int = MOST_SURFELS) -> Int[Tensor, " P"]:
-    """Which of a hand's vertices are surfels."""
+    """Choose which of a hand's vertices are surfels."""
     return torch.linspace(0, count - 1, min(count, most)).round().long()
 
 
@@ -86,7 +86,7 @@ class MeshPoints(NamedTuple):
     def of(
         cls, mesh: PosedMesh, faces: Int[Tensor, "F 3"], face: Int[Tensor, " R"], position: Float[Tensor, "R 3"]
     ) -> MeshPoints:
-        """The places of points near faces; face -1 is none."""
+        """Locate points near faces on the mesh; face -1 is none."""
         vertex = faces[face.clamp(min=0).long()]
         a, b, c = mesh.vertices[vertex].unbind(1)
         normal = torch.linalg.cross(b - a, c - a)
@@ -103,7 +103,7 @@ class MeshPoints(NamedTuple):
         return self.weight.sum(-1) == 0
 
     def blend(self, values: Float[Tensor, "V C"]) -> Float[Tensor, "R C"]:
-        """Values of the vertices at the points; 0 beside the mesh."""
+        """Interpolate values of the vertices at the points; 0 beside the mesh."""
         return embedding_bag(self.vertex, values, mode="sum", per_sample_weights=self.weight)
 
 
@@ -115,7 +115,7 @@ IndirectDiffuse = Callable[[Tensor, Tensor, Surfels, Tensor], Tensor]
 def indirect_diffuse(
     position: Float[Tensor, "R 3"], normal: Float[Tensor, "R 3"], surfels: Surfels, emitted: Float[Tensor, "P 3"]
 ) -> Float[Tensor, "R 3"]:
-    """What points receive, as the radiance of a white diffuse surface there.
+    """Compute the indirect diffuse light of points, as the radiance of a white diffuse surface there.
 
     Args:
         position: m, world.
@@ -144,7 +144,7 @@ def indirect_diffuse_on_mesh(
     emitted: Float[Tensor, "P 3"],
     bounce: IndirectDiffuse = indirect_diffuse,
 ) -> Float[Tensor, "R 3"]:
-    """What points on the mesh receive, between its vertices; those beside it as they are.
+    """Interpolate the indirect diffuse light of points between the mesh's vertices; points beside it as they are.
 
     Args:
         hit_points: of the points.

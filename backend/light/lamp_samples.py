@@ -66,7 +66,7 @@ class LampSamples(NamedTuple):
 
     @classmethod
     def of(cls, lamps: tuple[Lamp, ...], bounds: Bounds, shadow_quality: ShadowQuality = "coarse") -> LampSamples:
-        """The samples of lamps around a hand; `shadow_quality` as in `Light`."""
+        """Sample lamps around a hand; `shadow_quality` as in `Light`."""
         centre, device = bounds.centre.cpu().double().numpy(), bounds.centre.device
         angles = [_angle_rad(lamp, centre) for lamp in lamps]
         rows = [
@@ -79,7 +79,7 @@ class LampSamples(NamedTuple):
         return cls(*tensors, rgb=_tensor(rgb, device), radius_rad=_tensor(np.array(angles).reshape(-1) / 2, device))
 
     def views(self, bounds: Bounds) -> ShadowViews:
-        """Views for shadow maps."""
+        """Return the views for shadow maps."""
         offset = self.position - bounds.centre
         distance = offset.norm(dim=-1)
         towards = torch.where(self.is_sun[:, None], self.position, offset / distance.clamp(min=1e-6)[:, None])
@@ -87,7 +87,7 @@ class LampSamples(NamedTuple):
         return ShadowViews.along(towards, torch.where(self.is_sun, torch.full_like(radii, FAR), radii))
 
     def arriving(self, points: Float[Tensor, "P 3"]) -> tuple[Float[Tensor, "K P 3"], Float[Tensor, "K P"]]:
-        """(unit directions towards the light, irradiance / pi of a surface that faces it for an rgb of 1)."""
+        """Return (unit directions towards the light, irradiance / pi of a surface that faces it for an rgb of 1)."""
         offset = self.position[:, None] - points
         squared = (offset * offset).sum(-1).clamp(min=_LEAST_DISTANCE_M**2)
         towards = torch.where(self.is_sun[:, None, None], self.position[:, None], offset / squared.sqrt()[..., None])
@@ -96,7 +96,7 @@ class LampSamples(NamedTuple):
         return towards.expand(-1, len(points), -1), self.share[:, None] * strength
 
     def _emitted(self, along: Float[Tensor, "K P"]) -> Float[Tensor, "K P"]:
-        """Intensity of each sample, per watt, in directions with this cosine to its axis."""
+        """Compute the intensity of each sample, per watt, in directions with this cosine to its axis."""
         edge = ((along - self.cos_cone[:, None]) * self.cone_edge[:, None]).clamp(0, 1)
         cone = torch.where(self.cos_cone[:, None] < -1, torch.ones_like(edge), edge * edge * (3 - 2 * edge))
         facing = along.clamp(min=1e-6)
@@ -110,7 +110,7 @@ class LampSamples(NamedTuple):
 def _rows_of(
     index: int, lamp: Lamp, angle_rad: float, centre: np.ndarray, shadow_quality: ShadowQuality = "coarse"
 ) -> tuple[np.ndarray, ...]:
-    """The columns of `LampSamples` for one lamp's samples."""
+    """Make the columns of `LampSamples` for one lamp's samples."""
     count = next(
         samples for least_deg, samples in _SAMPLES_FROM_DEG[shadow_quality] if np.rad2deg(angle_rad) >= least_deg
     )
@@ -139,7 +139,7 @@ def _rows_of(
 
 
 def _positions(lamp: Lamp, centre: np.ndarray, count: int) -> np.ndarray:
-    """[count, 3] points spread over the lamp as the hand sees it; of a sun, unit directions towards it."""
+    """Spread points [count, 3] over the lamp as the hand sees it; of a sun, unit directions towards it."""
     if lamp.kind == "area":
         offsets = _disc(count) if lamp.is_ellipse else _square(count)
         width, height = lamp.size_m
@@ -153,7 +153,7 @@ def _positions(lamp: Lamp, centre: np.ndarray, count: int) -> np.ndarray:
 
 
 def _disc(count: int) -> np.ndarray:
-    """[count, 2] points spread over the unit disc (Vogel 1979); one point is its centre."""
+    """Spread points [count, 2] over the unit disc (Vogel 1979); one point is its centre."""
     if count == 1:
         return np.zeros((1, 2))
     index = np.arange(count)
@@ -162,7 +162,7 @@ def _disc(count: int) -> np.ndarray:
 
 
 def _square(count: int) -> np.ndarray:
-    """[count, 2] points in the cells of [-1, 1]^2, one each; count is a square number.
+    """Spread points [count, 2] over the cells of [-1, 1]^2, one each; count is a square number.
 
     The grid of cells is sheared both ways, so that no two points share a coordinate: an edge along the square's sides
     hides one after the other, and a shadow has as many steps as there are points.
@@ -174,7 +174,7 @@ def _square(count: int) -> np.ndarray:
 
 
 def _angle_rad(lamp: Lamp, centre: np.ndarray) -> float:
-    """The largest angle under which the lamp is seen from a point."""
+    """Compute the largest angle under which the lamp is seen from a point."""
     if lamp.kind == "sun":
         return lamp.angle_rad
     size_m = max(lamp.size_m) if lamp.kind == "area" else 2 * lamp.radius_m

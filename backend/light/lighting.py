@@ -59,18 +59,18 @@ class SurfelIrradiance(NamedTuple):
     besides: Tensor | None = None
 
     def received(self, light: LightSamples) -> Float[Tensor, "P 3"]:
-        """Diffuse light, as the radiance of a white surface."""
+        """Compute the diffuse light that arrives, as the radiance of a white surface."""
         of_sky = (self.of_sky[..., None] * light.sky.flux[:, None]).sum(0)  # a product of matrices may differ by a bit
         received = of_sky + (self.of_lamps[..., None] * light.lamps.rgb[:, None]).sum(0)
         return received if self.besides is None else received + self.besides
 
     def mean_received(self, light: LightSamples) -> Float[Tensor, " C"]:
-        """The mean of that over the skin."""
+        """Compute the mean of the arriving diffuse light over the skin."""
         share = self.surfels.area_m2 / self.surfels.area_m2.sum()
         return (share[:, None] * self.received(light)).sum(0)
 
     def emitted(self, light: LightSamples) -> Float[Tensor, "P 3"]:
-        """Radiance."""
+        """Compute the radiance of the surfels."""
         return self.albedo * self.received(light)
 
 
@@ -80,7 +80,7 @@ class FrameShadows(NamedTuple):
     Attributes:
         sky: of the sky's directions at R points.
         lamps: of the lamps' samples at R points.
-        surfels: the skin that sheds light on these points.
+        surfels: the skin, for indirect diffuse light on these points.
     """
 
     sky: PointShadows
@@ -107,7 +107,7 @@ class SurfacePoints(NamedTuple):
 
     @classmethod
     def of(cls, surfels: Surfels) -> SurfacePoints:
-        """Surfels of the skin, seen straight on."""
+        """Take surfels for points of the skin, seen straight on."""
         position, normal = surfels.position, surfels.normal
         first = torch.zeros(len(position), 3, device=position.device)
         first[:, 0] = 1
@@ -115,7 +115,7 @@ class SurfacePoints(NamedTuple):
 
 
 class AmbientOcclusion(NamedTuple):
-    """How open R points lie to the sky: share [R], weighted by the cosine, and mean direction towards it [R, 3]."""
+    """Of R points: the share [R] of the sky that they see, weighted by the cosine, and its mean direction [R, 3]."""
 
     share: Tensor
     towards: Tensor
@@ -135,8 +135,8 @@ class LightFeatures(NamedTuple):
         near_field_specular: [R, 2, 3] nearby geometry, in these lobes.
         scattered: [R, 2, 3] light that arrives inside the skin, at the two depths of `SCATTER_M`.
         arriving: [R, 3] factor of all of the above, where light was measured; else 1.
-        reflected: [R, 3] light besides: what the hand sheds on itself, or what was measured, as the radiance of a white
-            diffuse surface.
+        reflected: [R, 3] light besides: indirect diffuse, or what was measured, as the radiance of a white diffuse
+            surface.
     """
 
     lamp_vectors: Tensor
@@ -152,14 +152,14 @@ class LightFeatures(NamedTuple):
 
 
 def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> AmbientOcclusion:
-    """The ambient occlusion of points with these normals."""
+    """Compute the ambient occlusion of points with these normals."""
     seen = shadows.lit * (sky.towards @ normal.T).clamp_(min=0)
     share = seen.sum(0) * (4 / len(sky.towards))
     return AmbientOcclusion(share, torch.nn.functional.normalize(seen.T @ sky.towards, dim=-1))
 
 
 def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePoints) -> LightFeatures:
-    """The features of points, without gradients: those that depend on normals vary slowly with them."""
+    """Compute the light features of points, without gradients: those that depend on normals vary slowly with them."""
     sky, lamps = light
     position, normal, relief_normal, view = (values.detach() for values in points[:-1])
     points = SurfacePoints(position, normal, relief_normal, view, points.hit_points)
@@ -167,7 +167,7 @@ def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePo
     lit = _unblocked(lamps, shadows.lamps)
     depth_in_m = lamps.shadow[:, None] * shadows.lamps.depth_in_m
     of_lamps = _scattered(towards, strength, depth_in_m, points.normal)
-    # What is far below the horizon must not weigh against the rest; close to it, a pixel's own normal tells.
+    # What is far below the horizon must not weigh against the rest; close to it, a pixel's own normal decides.
     faces = (towards * points.relief_normal).sum(-1) > BELOW_HORIZON
     vectors = towards * (strength * lit * faces)[..., None]
     count, surfels = len(lamps.rgb), shadows.surfels
@@ -196,7 +196,7 @@ def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePo
 def irradiance_at_surfels(
     light: LightSamples, sky: PointShadows, lamps: PointShadows, surfels: Surfels
 ) -> tuple[Float[Tensor, "K P"], Float[Tensor, "L P"]]:
-    """`of_sky` and `of_lamps` of `SurfelIrradiance`, by the shadows at the surfels."""
+    """Compute `of_sky` and `of_lamps` of `SurfelIrradiance`, by the shadows at the surfels."""
     towards, strength = light.lamps.arriving(surfels.position)
     facing = (towards * surfels.normal).sum(-1).clamp(min=0)
     of_samples = strength * _unblocked(light.lamps, lamps) * facing
@@ -207,7 +207,7 @@ def irradiance_at_surfels(
 
 
 def _unblocked(lamps: LampSamples, shadows: PointShadows) -> Float[Tensor, "K P"]:
-    """The share of each sample's light that arrives; all of it from lamps that cast no shadows."""
+    """Compute the share of each sample's light that arrives; all of it from lamps that cast no shadows."""
     return lamps.shadow[:, None] * shadows.lit + (1 - lamps.shadow[:, None])
 
 
@@ -217,20 +217,20 @@ def _scattered(
     depth_in_m: Float[Tensor, "K R"],
     normal: Float[Tensor, "R 3"],
 ) -> Float[Tensor, "K R 2"]:
-    """Light from each sample that arrives inside the skin: around the terminator, and through thin parts."""
+    """Compute the light of each sample that arrives inside the skin: around the terminator, through thin parts."""
     around = around_surface((towards * normal).sum(-1))
     decayed = torch.stack([torch.exp(-depth_in_m / scatter_m) for scatter_m in SCATTER_M], -1)
     return strength[..., None] * around * decayed
 
 
 def around_surface(cosine: Float[Tensor, "*n"]) -> Float[Tensor, "*n 2"]:
-    """What arrives at both depths of a light of strength 1, by the cosine of its direction and the normal."""
+    """Compute what arrives at both depths of a light of strength 1, by the cosine of its direction and the normal."""
     scales = zip(WRAP, SCATTERED_SCALE, strict=True)
     return torch.stack([scale * (cosine + wrap).clamp(min=0) for wrap, scale in scales], -1)
 
 
 def _lobe_visibility(sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints) -> Float[Tensor, "R 2"]:
-    """The share of the sky in each lobe that nothing hides."""
+    """Compute the share of the sky in each lobe that nothing hides."""
     towards = sky.towards[:, None].expand(-1, len(points.view), -1)
     lobes = ggx(points.relief_normal, towards, points.view, sky.flux.new_full((), SKY_CELL_RAD))
     bright = lobes * sky.brightness[:, None, None]
@@ -247,7 +247,7 @@ RELIGHTABLE_FEATURES = 16
 
 
 class BumpMapping(NamedTuple):
-    """What is known of the skin at P points whose normals are bump mapped.
+    """The skin at P points whose normals are bump mapped.
 
     Attributes:
         surface_normal: [P, 3] unit, world, without what is bump mapped.
@@ -265,7 +265,7 @@ class BumpMapping(NamedTuple):
 
     @classmethod
     def smooth(cls, normal: Float[Tensor, "P 3"]) -> BumpMapping:
-        """Skin with these normals, without bump mapping and nails, and as glossy everywhere."""
+        """Describe skin with these normals, without bump mapping and nails, and as glossy everywhere."""
         count = len(normal)
         squared = normal.new_full((count,), alphas(None)[1] ** 2)
         return cls(normal, normal, normal.new_ones(3), squared, normal.new_zeros(count))
@@ -284,14 +284,14 @@ def shaded_colour(
     features: LightFeatures,
     skin: BumpMapping | None = None,
 ) -> Float[Tensor, "P 3"]:
-    """Scene-linear colours of P points, whose features are given for each.
+    """Compute the scene-linear colours of P points, whose features are given for each.
 
     Args:
         coefficients: of the field, not negative; premultiplied by alpha if the colour is to be.
         normal: unit, world, with all relief.
         view: unit, from the camera.
         features: as `light_features`, at these points.
-        skin: where it is known.
+        skin: bump mapping of the avatar's surface; None: there is none.
     """
     return _colour_of_skin(coefficients, normal, view, features, skin or BumpMapping.smooth(normal))
 
@@ -325,7 +325,7 @@ def _colour_of_skin(
     even, of_surface = (features.mirrored.of_even_light(bent, view, squared) for bent in (mirroring, surface))
     under = (1 - _of_lobes(even, nail)) / (1 - _of_lobes(of_surface, nail))
     direct = inside * under[:, None] + (coefficients[:, GLOSS, None] * gloss).sum(1)
-    # Gloss mirrors skin as well, which sheds about as much around the mirrored view as from everywhere.
+    # Gloss mirrors skin as well, which is about as bright around the mirrored view as everywhere.
     of_skin = (coefficients[:, GLOSS] * even * leaving).sum(1, keepdim=True)
     return direct * features.arriving + (reflectance(coefficients) + of_skin) * features.reflected
 
@@ -333,7 +333,7 @@ def _colour_of_skin(
 def _diffuse_light_of(
     skin: BumpMapping, normal: Float[Tensor, "P 3"], towards: Float[Tensor, "P L 3"], features: LightFeatures
 ) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"]]:
-    """That of lamps, and of the sky."""
+    """Compute the diffuse light of lamps, and of the sky."""
     both = (normal, skin.blurred_normal)
     sharp, blurred = (
         lamps_on(features, bent, bump_shadowing(bent[:, None], skin.surface_normal[:, None], towards)) for bent in both
@@ -343,37 +343,37 @@ def _diffuse_light_of(
 
 
 def _of_lobes(values: Float[Tensor, "P 2"], nail: Float[Tensor, " P"]) -> Float[Tensor, " P"]:
-    """Of the first lobe on nails, of the second on skin: what gloss reflects does not enter (as in Cycles)."""
+    """Pick the first lobe's value on nails, the second's on skin: what gloss reflects does not enter (as in Cycles)."""
     return torch.lerp(values[:, 1], values[:, 0], nail)
 
 
 def reflectance(coefficients: Float[Tensor, "P C"]) -> Float[Tensor, "P 3"]:
-    """Of diffuse light, by the coefficients and whatever follows them; the albedo, if they are not premultiplied."""
+    """Compute the reflectance of diffuse light from coefficients; the albedo, if they are not premultiplied."""
     return coefficients[:, DIFFUSE] + coefficients[:, SCATTERED].reshape(-1, 2, 3).sum(1)
 
 
 def diffuse_light(features: LightFeatures, normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
-    """What a white diffuse surface with these normals reflects."""
+    """Compute what a white diffuse surface with these normals reflects."""
     return lamps_on(features, normal) + sky_on(features, normal)
 
 
 def lamps_on(
     features: LightFeatures, normal: Float[Tensor, "P 3"], share: Float[Tensor, "P L"] | None = None
 ) -> Float[Tensor, "P 3"]:
-    """`diffuse_light` of the lamps; of each one's light a share, all of it for None."""
+    """Compute `diffuse_light` of the lamps; of each one's light a share, all of it for None."""
     of_lamps = (features.lamp_vectors * normal[:, None]).sum(-1).clamp(min=0)
     return (of_lamps if share is None else of_lamps * share) @ features.lamp_rgb
 
 
 def sky_on(features: LightFeatures, normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
-    """`diffuse_light` of the sky."""
+    """Compute `diffuse_light` of the sky."""
     return torch.einsum("px,pxc->pc", normal, features.sky_vectors).clamp(min=0)
 
 
 def corrected(
     features: LightFeatures, normal: Float[Tensor, "R 3"], direct: Float[Tensor, "R 3"], indirect: Float[Tensor, "R 3"]
 ) -> LightFeatures:
-    """The features with the light that was measured on a white surface at their points.
+    """Correct the features by the light that was measured on a white surface at their points.
 
     Where less light arrives than ours, all of it is scaled down; what arrives besides, as from surfaces that emit, is
     taken for diffuse.

@@ -1,8 +1,8 @@
 """Indirect light from nearby geometry, treated as a near-field environment.
 
-Lamps, sky and the lit hand shine on the patches (`surroundings`), which shed it once on each other and then on the
-hand. There it is treated as the sky's: it arrives from a direction, which the hand may hide, on diffuse, scattering and
-glossy skin.
+Lamps, sky and the lit hand shine on the patches (`nearby_geometry`), which reflect it once on each other and then on
+the hand. There it is treated as the sky's: it arrives from a direction, which the hand may hide, on diffuse, scattering
+and glossy skin.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ CELLS = 32
 """Side of the square on which the sphere of directions is laid out (`cell_of`)."""
 _POINTS_AT_ONCE, _GPU_POINTS_AT_ONCE = 512, 1 << 14
 """As many as a CPU's cache holds, and as many as keep a GPU busy."""
-# Patches are as wide as the sky's directions are apart: between these, how open it is passes over.
+# Patches are as wide as the sky's directions are apart: between these, visibility is interpolated.
 _NEAREST, _SPREAD_RAD = 4, 0.3
 
 
@@ -47,7 +47,7 @@ class PatchIrradiance(NamedTuple):
     def emitted(
         self, light: LightSamples, skin: SurfelIrradiance, bounce: IndirectDiffuse = indirect_diffuse
     ) -> Float[Tensor, "P 3"]:
-        """Radiance of the patches, after one exchange among them and with what the hand's skin sheds on them.
+        """Compute the radiance of the patches, after one exchange among them and with the hand's light on them.
 
         Args:
             light: sampled.
@@ -69,18 +69,18 @@ class NearFieldFeatures(NamedTuple):
     scattered: Tensor
 
     def diffuse(self, normal: Float[Tensor, "R 3"]) -> Float[Tensor, "R 3"]:
-        """What a white diffuse surface with these normals reflects of it."""
+        """Compute the near-field light that a white diffuse surface with these normals reflects."""
         return (self.sky_vectors * normal[..., None]).sum(1).clamp(min=0)
 
     def added_to(self, features: LightFeatures) -> LightFeatures:
-        """The features with it."""
+        """Add the near-field light to the features."""
         return features._replace(**{name: getattr(features, name) + value for name, value in self._asdict().items()})
 
 
 def near_field_light(
     patches: Patches, sky_visibility: PointShadows, emitted: Float[Tensor, "P 3"], points: SurfacePoints
 ) -> NearFieldFeatures:
-    """What R points receive from patches. The factors' sum is at most 1, as in `light.indirect_diffuse`.
+    """Compute the near-field light of R points from patches; form factors add up to 1 at most, as in indirect diffuse.
 
     Args:
         patches: around the hand.
@@ -115,14 +115,14 @@ def _near_field_light(
 
 
 def cell_of(towards: Float[Tensor, "*n 3"]) -> Int[Tensor, "*n"]:
-    """The cell of unit directions on the octahedral map of `CELLS` x `CELLS`."""
+    """Find the cell of unit directions on the octahedral map of `CELLS` x `CELLS`."""
     column, row = (((value + 1) * (CELLS / 2)).long().clamp(0, CELLS - 1) for value in on_square(towards))
     return row * CELLS + column
 
 
 @cache
 def sky_cells(device: torch.device) -> tuple[Int[Tensor, "N 4"], Float[Tensor, "N 4"]]:
-    """Which of the sky's directions are nearest to the middle of each cell, and their weights, whose sum is 1."""
+    """Find the sky's directions that are nearest to the middle of each cell, and their weights, whose sum is 1."""
     middle = (torch.arange(CELLS, device=device) + 0.5) * (2 / CELLS) - 1
     v, u = torch.meshgrid(middle, middle, indexing="ij")
     cosine, nearest = (from_square(u, v).reshape(-1, 3) @ SkySamples.of(None, device).towards.T).topk(_NEAREST)

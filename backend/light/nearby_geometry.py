@@ -3,8 +3,8 @@
 A cell of the grid is as coarse as it is far, so that a table is as many pieces as the meadow behind it. A piece has a
 side; a triangle is one on each side that has any of the hand before it.
 
-What of the surfaces the hand sees is taken in small points, at which light is looked up, and these in as few patches as
-light can be shed by.
+What the hand sees of the surfaces is sampled at small points, at which light is looked up, and these are merged into as
+few patches as reflect it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _TINY = 1e-12
 class Blockers(NamedTuple):
     """T triangles that may hide pieces from the hand; in single precision, for each is tried on each piece.
 
-    `values` @ (x - `origin`) - `offsets` tells where a point x lies to each.
+    `values` @ (x - `origin`) - `offsets` gives on which side of each a point x lies.
 
     Attributes:
         values: [3, T, 3] height over the triangle's plane, in units of its own, and shares of two of its edges.
@@ -41,7 +41,7 @@ class Blockers(NamedTuple):
 
     @classmethod
     def of(cls, triangles: np.ndarray, near: np.ndarray) -> Blockers:
-        """Of the triangles [N, 3, 3] those that look largest from vertices [V, 3]; without area they hide nothing."""
+        """Choose those of triangles [N, 3, 3] that look largest from vertices [V, 3]; without area they hide none."""
         origin = near.mean(0)
         a, b, c = (_largest(triangles, near) - origin).swapaxes(0, 1)
         first, second = b - a, c - a
@@ -53,7 +53,7 @@ class Blockers(NamedTuple):
         return cls(values.astype(np.float32), (values * a[has_area]).sum(-1).astype(np.float32), origin)
 
     def seen(self, pieces: Pieces) -> Pieces:
-        """The pieces that nothing hides from the nearest of a hand's vertices that lie before them."""
+        """Keep the pieces that nothing hides from the nearest of a hand's vertices that lie before them."""
         way = np.float32(pieces.vertex - pieces.position)
         start = np.float32(pieces.position - self.origin)
         height, u, v = start @ self.values.swapaxes(1, 2) - self.offsets[:, None]
@@ -101,13 +101,13 @@ class Pieces(NamedTuple):
 
     @classmethod
     def none(cls) -> Pieces:
-        """No pieces."""
+        """Return no pieces."""
         flat = np.zeros((0, 3))
         return cls(np.zeros((0, 3, 3)), flat, flat, flat, np.zeros(0, bool), flat)
 
     @classmethod
     def of(cls, triangles: np.ndarray, albedo: np.ndarray, near: np.ndarray, fineness: float) -> Pieces:
-        """The sides of triangles [N, 3, 3] that have any of a hand's vertices before them.
+        """Cut up the sides of triangles [N, 3, 3] that have any of a hand's vertices before them.
 
         Args:
             triangles: m, world.
@@ -126,7 +126,7 @@ class Pieces(NamedTuple):
         return cls(*(np.concatenate(values) for values in zip(*kept, strict=True)))
 
     def chosen(self, which: np.ndarray) -> Pieces:
-        """Some of them, by index or mask."""
+        """Select pieces by index or mask."""
         return Pieces(*(values[which] for values in self))
 
     @property
@@ -135,13 +135,13 @@ class Pieces(NamedTuple):
         return np.maximum(np.linalg.norm(self.vertex - self.position, axis=-1), LEAST_M)
 
     def largest(self, most: int) -> np.ndarray:
-        """Indices of those that may shed most light on the hand, in order."""
+        """Return the indices of those that may reflect most light onto the hand, in order."""
         facing = ((self.vertex - self.position) * self.area).sum(-1) / self.distance**3
         order = np.argsort(-facing, kind="stable")[:most]
         return order[facing[order] > 0]
 
     def cells(self, fineness: float) -> np.ndarray:
-        """[N] the same whole number for all that lie in one cell of the world and face alike."""
+        """Assign each piece a number [N], the same for all that lie in one cell of the world and face alike."""
         level = np.floor(np.log2(fineness * self.distance))
         numbers = np.floor(self.position / np.exp2(level)[:, None]).astype(np.int64) % _CELLS_ACROSS
         axis = np.abs(self.area).argmax(1)
@@ -153,7 +153,7 @@ class Pieces(NamedTuple):
         return keys
 
     def gathered(self, cells: np.ndarray, near: np.ndarray) -> tuple[Pieces, np.ndarray]:
-        """One piece for all in a cell, lifted from their surface, and [N] which of these each has become.
+        """Merge the pieces of each cell, lifted from their surface; also return which of these each has become [N].
 
         Args:
             cells: [N] the same number for all in one.
@@ -179,12 +179,12 @@ class Pieces(NamedTuple):
 
 
 def distance_of(points: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """[N] distance of points from the nearest of some vertices, m."""
+    """Compute the distance [N] of points from the nearest of some vertices, m."""
     return np.sqrt(np.maximum(_squared(points, near).min(1), 0))
 
 
 def _nearest_before(position: np.ndarray, area: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """[N, 3] as `Pieces.vertex`; in single precision, for each vertex is tried on each piece."""
+    """Find `Pieces.vertex` [N, 3]; in single precision, for each vertex is tried on each piece."""
     origin = near.mean(0)
     at, sides, vertices = (values.astype(np.float32) for values in (position - origin, area, near - origin))
     nearest = [np.zeros(0, np.int64)]
@@ -198,7 +198,7 @@ def _nearest_before(position: np.ndarray, area: np.ndarray, near: np.ndarray) ->
 
 
 def _cut(triangles: np.ndarray, albedo: np.ndarray, near: np.ndarray, fineness: float) -> tuple[np.ndarray, np.ndarray]:
-    """The triangles in halves of halves, until all are small against their distance."""
+    """Cut the triangles in halves of halves, until all are small against their distance."""
     done, still = [], (triangles, albedo)
     while len(still[0]) and len(still[0]) < _MOST_CUT:
         corners, colour = still
@@ -218,7 +218,7 @@ def _cut(triangles: np.ndarray, albedo: np.ndarray, near: np.ndarray, fineness: 
 
 
 def _squared(points: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """[N, V] squared distances."""
+    """Compute squared distances [N, V]."""
     return (points**2).sum(-1)[:, None] - 2 * points @ near.T + (near**2).sum(-1)
 
 
@@ -273,7 +273,7 @@ class Patches(NamedTuple):
 
     @classmethod
     def around(cls, light: Light, vertices: Float[Tensor, "V 3"]) -> Patches:
-        """The patches of a light's occluders around a hand with these vertices; none if their albedo is not known."""
+        """Make the patches of a light's occluders around a hand with these vertices; none if no albedo is known."""
         step = -(-len(vertices) // _MOST_NEAR)
         near = vertices[::step].cpu().double().numpy()
         if len(light.occluder_albedo) == 0:
@@ -292,7 +292,7 @@ class Patches(NamedTuple):
         return cls(*tensors(*_flat(patches), patches.albedo), points=on_them)
 
     def mean(self, of_points: Float[Tensor, "K S"]) -> Float[Tensor, "K P"]:
-        """Of the points' values on each patch."""
+        """Average the points' values over each patch."""
         patch, area_m2 = self.points.patch, self.points.area_m2
         total = area_m2.new_zeros(len(self.position)).index_add(0, patch, area_m2)
         return of_points.new_zeros(len(of_points), len(total)).index_add(1, patch, of_points * (area_m2 / total[patch]))
@@ -300,7 +300,7 @@ class Patches(NamedTuple):
     def factors(
         self, position: Float[Tensor, "R 3"]
     ) -> tuple[Float[Tensor, "R P 3"], Float[Tensor, "R P"], Float[Tensor, "R P"]]:
-        """Unit directions from points to the patches, what a surface that faces one receives of it, and distances, m.
+        """Compute unit directions from points to the patches, their form factors, and distances, m.
 
         That is the form factor of a small surface and a disc without its cosine, as in `light.indirect_diffuse`.
         """
@@ -311,14 +311,14 @@ class Patches(NamedTuple):
         return towards, there * self.area_m2 / (pi * distance**2 + self.area_m2), distance
 
     def exchanged(self) -> Float[Tensor, "P P"]:
-        """What each patch receives of the light that the others shed."""
+        """Compute what each patch receives of the light that the others reflect."""
         towards, factors, _ = self.factors(self.position)
         factors = factors * (towards * self.normal[:, None]).sum(-1).clamp(min=0)
         return factors / factors.sum(1, keepdim=True).clamp(min=1)
 
 
 def _points_before(light: Light, near: np.ndarray) -> Pieces:
-    """What a hand with these vertices sees of a light's occluders."""
+    """Find what a hand with these vertices sees of a light's occluders."""
     triangles = np.asarray(light.occluders, float)
     cut = Pieces.of(triangles, np.asarray(light.occluder_albedo, float), near, _FINENESS[0])
     points, _ = _gathered(cut, near, _MOST_POINTS)
@@ -326,7 +326,7 @@ def _points_before(light: Light, near: np.ndarray) -> Pieces:
 
 
 def _gathered(pieces: Pieces, near: np.ndarray, most: int) -> tuple[Pieces, np.ndarray]:
-    """The pieces in cells so coarse that these are few, and which each has become; -1: of the smallest, left out."""
+    """Merge the pieces in cells so coarse that few remain; return also which each becomes; -1: smallest, left out."""
     found, number = pieces, np.arange(len(pieces.area))
     for fineness in _FINENESS:
         found, number = pieces.gathered(pieces.cells(fineness), near)
@@ -338,6 +338,6 @@ def _gathered(pieces: Pieces, near: np.ndarray, most: int) -> tuple[Pieces, np.n
 
 
 def _flat(pieces: Pieces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions, normals and areas."""
+    """Return positions, normals and areas."""
     area_m2 = np.linalg.norm(pieces.area, axis=-1)
     return pieces.position, pieces.area / np.maximum(area_m2, _LEAST)[:, None], area_m2

@@ -20,14 +20,14 @@ from .brdf import AHEAD, SHARE, UP, WIDTH, WIDTHS, isotropic_lobes, isotropic_we
 
 
 def on_square(towards: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n"], Float[Tensor, "*n"]]:
-    """(u, v) in [-1, 1] of directions of any length but 0."""
+    """Map directions of any length but 0 to (u, v) in [-1, 1]."""
     x, y, z = (towards / towards.abs().sum(-1, keepdim=True)).unbind(-1)
     below = z < 0
     return torch.where(below, (1 - y.abs()).copysign(x), x), torch.where(below, (1 - x.abs()).copysign(y), y)
 
 
 def from_square(u: Float[Tensor, "*n"], v: Float[Tensor, "*n"]) -> Float[Tensor, "*n 3"]:
-    """Unit directions; a point up to 1 beyond an edge is where the sphere goes on there, on the same square."""
+    """Map (u, v) to unit directions; up to 1 beyond an edge, the sphere goes on there on the same square."""
     u, v = torch.where(u.abs() > 1, (2 - u.abs()).copysign(u), u), torch.where(u.abs() > 1, -v, v)
     u, v = torch.where(v.abs() > 1, -u, u), torch.where(v.abs() > 1, (2 - v.abs()).copysign(v), v)
     z = 1 - u.abs() - v.abs()
@@ -56,7 +56,7 @@ class PrefilteredEnvironment(NamedTuple):
 
     @classmethod
     def of(cls, sky: Sky | None, device: torch.device | str) -> PrefilteredEnvironment:
-        """Of a sky; None is black."""
+        """Prefilter a sky; None is black."""
         lobes = torch.as_tensor(isotropic_lobes(), device=device)
         if sky is None:
             return cls(torch.zeros((SIDE + 2) ** 2, len(WIDTHS), 3, device=device), lobes)
@@ -67,7 +67,7 @@ class PrefilteredEnvironment(NamedTuple):
     def gloss(
         self, normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"], alpha_squared: Float[Tensor, "P G"]
     ) -> Float[Tensor, "P G 3"]:
-        """Light in G lobes; without gradients.
+        """Look up the light in G lobes; without gradients.
 
         Args:
             normal: unit.
@@ -88,13 +88,13 @@ class PrefilteredEnvironment(NamedTuple):
     def of_even_light(
         self, normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"], alpha_squared: Float[Tensor, "P G"]
     ) -> Float[Tensor, "P G"]:
-        """What the lobes would reflect of light of radiance 1 from everywhere; arguments as in `gloss`."""
+        """Compute what the lobes would reflect of light of radiance 1 from everywhere; arguments as in `gloss`."""
         to_eye = -(normal.detach() * view.detach()).sum(-1)
         pairs = (lobes_at(to_eye, squared, self.lobes) for squared in alpha_squared.detach().unbind(1))
         return torch.stack([pair[..., SHARE].sum(1) for pair in pairs], 1)
 
     def _around(self, towards: Float[Tensor, "P 3"], width: Float[Tensor, " P"]) -> Float[Tensor, "P 3"]:
-        """The means around directions in lobes of a width, bilinear in the map."""
+        """Look up the means around directions in lobes of a width, bilinear in the map."""
         column, row = ((value + 1) * (SIDE / 2) + 0.5 for value in on_square(towards))
         left, top, narrow = (value.floor() for value in (column, row, width))
         left, top, narrow = left.clamp(0, SIDE), top.clamp(0, SIDE), narrow.clamp(0, len(WIDTHS) - 2)
@@ -112,7 +112,7 @@ class PrefilteredEnvironment(NamedTuple):
 
 
 def _coarse(sky: Sky) -> Float[np.ndarray, "h w 3"]:
-    """The sky's radiance, averaged over whole cells where it is finer than is told apart."""
+    """Average the sky's radiance over whole cells where it is finer than the lobes resolve."""
     height, width = sky.radiance.shape[:2]
     rows, columns = min(height, _MOST_ROWS), min(width, _MOST_COLUMNS)
     if (rows, columns) == (height, width):
@@ -127,7 +127,7 @@ def _coarse(sky: Sky) -> Float[np.ndarray, "h w 3"]:
 
 @lru_cache(maxsize=8)
 def _around_directions(radiance: bytes, size: tuple[int, int]) -> Float[np.ndarray, "N W 3"]:
-    """`PrefilteredEnvironment.radiance` of a sky [h, w, 3] fp32: the same for all frames of most animations."""
+    """Compute `PrefilteredEnvironment.radiance` of a sky [h, w, 3] fp32: the same for all frames of most animations."""
     sky = Sky(np.frombuffer(radiance, np.float32).reshape(*size, 3))
     texels = torch.as_tensor(sky_directions(*size).reshape(-1, 3), dtype=torch.float32)
     energy = torch.as_tensor((sky.radiance * sky.solid_angles[..., None]).reshape(-1, 3), dtype=torch.float32)
@@ -141,7 +141,7 @@ def _around_directions(radiance: bytes, size: tuple[int, int]) -> Float[np.ndarr
 
 
 def _map_directions() -> Float[Tensor, "N 3"]:
-    """Of the map's texels, with its border."""
+    """Return the directions of the map's texels, with its border."""
     middle = (torch.arange(-1, SIDE + 1) + 0.5) * (2 / SIDE) - 1
     v, u = torch.meshgrid(middle, middle, indexing="ij")
     return from_square(u, v).reshape(-1, 3)

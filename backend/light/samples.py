@@ -22,12 +22,12 @@ class LightSamples(NamedTuple):
 
     @classmethod
     def of(cls, light: Light, bounds: Bounds) -> LightSamples:
-        """The samples around a hand."""
+        """Sample a light around a hand."""
         sky = SkySamples.of(light.sky, bounds.centre.device, division_of((light.sky,), light.shadow_quality))
         return cls(sky, LampSamples.of(light.lamps, bounds, light.shadow_quality))
 
     def unblocked(self, point: Float[Tensor, " 3"]) -> Float[Tensor, ""]:
-        """What all of the light together would make of a white surface that faced all of it, mean over colours."""
+        """Compute the radiance of a white surface at the point, facing all light unblocked, mean over colours."""
         _, strength = self.lamps.arriving(point[None])
         of_lamps = (strength * self.lamps.rgb[self.lamps.lamp]).sum(0)
         return (self.sky.flux.sum(0) + of_lamps).mean()
@@ -39,7 +39,7 @@ class LightQuality(NamedTuple):
     Attributes:
         sky_directions: along which shadows of the sky are looked for; of fewer than the sky's cells, each cell has the
             nearest one's.
-        surfels: discs of skin that shed light on the rest, at most.
+        surfels: of the skin for indirect diffuse light, at most.
     """
 
     sky_directions: int

@@ -38,12 +38,12 @@ class Bounds(NamedTuple):
 
     @classmethod
     def of(cls, mesh: PosedMesh) -> Bounds:
-        """The sphere about the mean vertex."""
+        """Return the sphere about the mean vertex."""
         return cls.around(mesh.vertices)
 
     @classmethod
     def around(cls, vertices: Float[Tensor, "V 3"]) -> Bounds:
-        """The sphere about the mean of vertices."""
+        """Return the sphere about the mean of vertices."""
         centre = vertices.mean(0)
         return cls(centre, (vertices - centre).norm(dim=-1).amax())
 
@@ -61,13 +61,13 @@ class ShadowViews(NamedTuple):
 
     @classmethod
     def along(cls, towards: Float[Tensor, "K 3"], distance: Float[Tensor, " K"]) -> ShadowViews:
-        """The views from these unit directions."""
+        """Make the views from these unit directions."""
         least = torch.nn.functional.one_hot(towards.abs().argmin(-1), 3).to(towards.dtype)
         right = torch.nn.functional.normalize(torch.linalg.cross(least, towards), dim=-1)
         return cls(torch.stack([right, torch.linalg.cross(right, towards), towards], 1), distance)
 
     def chosen(self, which: Int[Tensor, " N"]) -> ShadowViews:
-        """Some of the views."""
+        """Select views by index."""
         return ShadowViews(self.frames[which], self.distance[which])
 
 
@@ -97,7 +97,7 @@ class MapWindows(NamedTuple):
 
     @classmethod
     def around(cls, points: Float[Tensor, "P 3"], views: ShadowViews, map_px: int) -> MapWindows:
-        """The windows that just hold these points: whatever shadows them lies within, before or behind.
+        """Fit windows that just hold these points: whatever shadows them lies within, before or behind.
 
         Maps so become as fine as what is seen of the mesh is small. A window's border of a pixel holds no point.
         """
@@ -159,7 +159,7 @@ def point_shadows(
     bounds: Bounds | None = None,
     look_up: ShadowLookup | None = None,
 ) -> PointShadows:
-    """The shadows at points on or near a mesh.
+    """Compute the shadows at points on or near a mesh.
 
     Args:
         mesh: a closed surface.
@@ -189,14 +189,14 @@ def point_shadows(
 
 
 def projected(points: Float[Tensor, "P 3"], scene: ShadowScene, windows: MapWindows) -> ProjectedPoints:
-    """Points in the scene's maps."""
+    """Project points into the scene's maps."""
     across, depth = _across(points, scene.views)
     centre, px_per_radius = windows
     return ProjectedPoints((across - centre[:, None]) * px_per_radius[:, None] + scene.map_px / 2, depth)
 
 
 def _across(points: Float[Tensor, "P 3"], views: ShadowViews) -> tuple[Float[Tensor, "K P 2"], Float[Tensor, "K P"]]:
-    """Where the rays through points cross the plane of the centre, and the points' depths."""
+    """Find where the rays through points cross the plane of the centre, and the points' depths."""
     local = torch.einsum("kij,pj->kpi", views.frames, points)
     distance = views.distance[:, None]
     depth = distance - local[..., 2]
@@ -234,7 +234,7 @@ def look_up_reference(scene: ShadowScene, map_points: Float[Tensor, "P 3"]) -> P
 
 
 def _maps(scene: ShadowScene, windows: MapWindows) -> tuple[Float[Tensor, "K M"], Float[Tensor, "K M"]]:
-    """Per map pixel, the depth at which light enters the mesh (minus infinity: blocked before), and where it ends."""
+    """Compute, per map pixel, the depth at which light enters the mesh (minus infinity: blocked) and where it ends."""
     count = len(scene.views.distance)
     fragments = _fragments(projected(scene.vertices, scene, windows), scene.faces, scene.map_px)
     size = count * scene.map_px**2
@@ -251,7 +251,7 @@ def _maps(scene: ShadowScene, windows: MapWindows) -> tuple[Float[Tensor, "K M"]
 
 
 def _fragments(points: ProjectedPoints, faces: Tensor, map_px: int) -> Fragments:
-    """The fragments of all maps; pixels count on from map to map."""
+    """Rasterise the fragments of all maps; pixels count on from map to map."""
     fragments = []
     for index in range(len(points.depth)):
         one = rasterise(points.px[index], points.depth[index], faces, (map_px, map_px))

@@ -51,7 +51,7 @@ class SkySamples(NamedTuple):
 
     @classmethod
     def of(cls, sky: Sky | None, device: torch.device | str, division: Division = UNDIVIDED) -> SkySamples:
-        """The samples of a sky; None is black."""
+        """Sample a sky; None is black."""
         towards, share = (torch.tensor(values, dtype=torch.float32, device=device) for values in _layout(division))
         flux = torch.zeros(len(towards), 3, device=device)
         if sky is not None:
@@ -62,7 +62,7 @@ class SkySamples(NamedTuple):
 
     @classmethod
     def mixed(cls, skies: tuple[SkySamples, ...], weights: Float[Tensor, "G 3"]) -> SkySamples:
-        """The weighted sum of skies."""
+        """Compute the weighted sum of skies."""
         first = skies[0]
         flux = torch.einsum("gkc,gc->kc", torch.stack([sky.flux for sky in skies]), weights)
         around = torch.einsum("gnlc,gc->nlc", torch.stack([sky.mirrored.radiance for sky in skies]), weights)
@@ -79,7 +79,7 @@ class SkySamples(NamedTuple):
         return (self.flux.mean(1) / self.share.clamp(min=_LEAST_SHARE)).max() / 4
 
     def views(self) -> ShadowViews:
-        """Views for shadow maps."""
+        """Return the views for shadow maps."""
         return _distant_views(self.towards)
 
 
@@ -96,7 +96,7 @@ class ShadowedSky(NamedTuple):
 
     @classmethod
     def of(cls, count: int, device: torch.device | str) -> ShadowedSky:
-        """From this many directions."""
+        """Sample a sky of unknown light from this many directions."""
         towards = torch.tensor(_sphere(count), dtype=torch.float32, device=device)
         return cls(_distant_views(towards), torch.tensor(_nearest_of_cells(count), device=device))
 
@@ -106,7 +106,7 @@ def _distant_views(towards: Float[Tensor, "K 3"]) -> ShadowViews:
 
 
 def division_of(skies: Iterable[Sky | None], shadow_quality: ShadowQuality) -> Division:
-    """By which the cells of skies that shine together are divided for shadows of this fineness."""
+    """Choose how the cells of skies that shine together are divided for shadows of this fineness."""
     grey = np.zeros(SKY_DIRECTIONS)
     for sky in skies:
         if sky is not None:
@@ -118,33 +118,33 @@ def division_of(skies: Iterable[Sky | None], shadow_quality: ShadowQuality) -> D
 
 
 def _energies(sky: Sky, division: Division) -> tuple[np.ndarray, np.ndarray]:
-    """Of N small texels of a sky: the direction [N] that stands for each, and what each adds to its flux [N, 3]."""
+    """Find the direction [N] that stands for each of N small texels of a sky, and what it adds to its flux [N, 3]."""
     finely = _in_small_texels(sky)
     energy = (finely.radiance * finely.solid_angles[..., None] / pi).reshape(-1, 3)
     return _cells(*finely.radiance.shape[:2], division), energy
 
 
 def _in_small_texels(sky: Sky) -> Sky:
-    """The same sky in texels that are smaller than its cells."""
+    """Resample the sky in texels that are smaller than its cells."""
     times = -(-_LEAST_ROWS // len(sky.radiance))
     return sky if times == 1 else replace(sky, radiance=sky.radiance.repeat(times, 0).repeat(times, 1))
 
 
 @cache
 def _sphere(count: int) -> np.ndarray:
-    """[count, 3] directions."""
+    """Spread directions [count, 3] over the sphere."""
     return direction_frames(count, "cpu")[:, 2].numpy().astype(np.float64)
 
 
 @cache
 def _nearest_of_cells(count: int) -> np.ndarray:
-    """[SKY_DIRECTIONS] the nearest of so many directions to each cell."""
+    """Find the nearest of so many directions to each cell [SKY_DIRECTIONS]."""
     return (_sphere(SKY_DIRECTIONS) @ _sphere(count).T).argmax(1)
 
 
 @lru_cache(maxsize=32)
 def _parts(division: Division) -> tuple[np.ndarray, np.ndarray]:
-    """[M, 3] directions of the parts of divided cells, and [M] the cell of each."""
+    """Return the directions [M, 3] of the parts of divided cells, and the cell [M] of each."""
     found = [(np.zeros((0, 3)), np.zeros(0, np.int64))]
     for count in sorted({*division} - {SKY_DIRECTIONS}):
         towards = _sphere(count)
@@ -157,7 +157,7 @@ def _parts(division: Division) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=32)
 def _layout(division: Division) -> tuple[np.ndarray, np.ndarray]:
-    """[K, 3] directions of the cells and of the parts, and the share [K] of the sphere that each stands for."""
+    """Return the directions [K, 3] of the cells and parts, and the share [K] of the sphere that each stands for."""
     whole, (towards, of_cell) = _sphere(SKY_DIRECTIONS), _parts(division)
     share = np.where(np.array(division) == SKY_DIRECTIONS, 1 / SKY_DIRECTIONS, 0.0)
     if not len(towards):
@@ -171,7 +171,7 @@ def _layout(division: Division) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=32)
 def _cells(height: int, width: int, division: Division) -> np.ndarray:
-    """[H * W] the sky direction that stands for each texel of an equirectangular map: the nearest of its cell."""
+    """Find the sky direction [H * W] that stands for each texel of an equirectangular map: the nearest of its cell."""
     directions = sky_directions(height, width).reshape(-1, 3)
     nearest = (directions @ _sphere(SKY_DIRECTIONS).T).argmax(1)
     found, (towards, of_cell) = nearest.copy(), _parts(division)

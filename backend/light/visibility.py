@@ -47,7 +47,7 @@ class ShadowMapPoints(NamedTuple):
 
 
 def visibility_transfer(mesh: PosedMesh, topology: Topology, lit_share: LitShare | None = None) -> Float[Tensor, "V K"]:
-    """Cosine-weighted visibility of `DIRECTIONS` directions spread over the sphere, in the world's axes.
+    """Compute the cosine-weighted visibility of `DIRECTIONS` directions spread over the sphere, in the world's axes.
 
     Args:
         mesh: the pose.
@@ -66,7 +66,7 @@ def visibility_transfer(mesh: PosedMesh, topology: Topology, lit_share: LitShare
 
 
 def direction_frames(count: int, device: torch.device | str) -> Float[Tensor, "K 3 3"]:
-    """Orthonormal frames whose third row is a direction; the directions form a Fibonacci sphere."""
+    """Make orthonormal frames whose third row is a direction; the directions form a Fibonacci sphere."""
     index = torch.arange(count, device=device, dtype=torch.float32)
     z = 1 - 2 * (index + 0.5) / count
     longitude = index * pi * (3 - sqrt(5))
@@ -77,12 +77,12 @@ def direction_frames(count: int, device: torch.device | str) -> Float[Tensor, "K
 
 
 def _in_frames(offsets: Float[Tensor, "V 3"], frames: Float[Tensor, "K 3 3"]) -> Float[Tensor, "K V 3"]:
-    """(x, y, height towards the light) of every vertex in every frame."""
+    """Transform every vertex into every frame: (x, y, height towards the light)."""
     return torch.einsum("kij,vj->kvi", frames, offsets)
 
 
 def lit_share_reference(points: ShadowMapPoints, topology: Topology) -> Float[Tensor, "K V"]:
-    """Bilinear share of the four nearest map pixels whose depth is no nearer to the light than the lifted vertex."""
+    """Compute the bilinear share of the four nearest map pixels that are no nearer to the light than the vertex."""
     maps = _depth_maps(points, topology)
     position = (points.lifted_px - 0.5).clamp(0, MAP_PX - 1.001)
     first = position.floor()
@@ -97,7 +97,7 @@ def lit_share_reference(points: ShadowMapPoints, topology: Topology) -> Float[Te
 
 
 def _depth_maps(points: ShadowMapPoints, topology: Topology) -> Float[Tensor, "K P"]:
-    """The nearest depth per pixel; the maps are rasterised as one tall image."""
+    """Rasterise the nearest depth per pixel; the maps are one tall image."""
     count, vertex_count = points.depth.shape
     rows = torch.arange(count, device=points.px.device)[:, None] * MAP_PX
     pixels = torch.stack([points.px[..., 0], points.px[..., 1] + rows], -1).reshape(-1, 2)
@@ -108,7 +108,7 @@ def _depth_maps(points: ShadowMapPoints, topology: Topology) -> Float[Tensor, "K
 
 
 def _map_px(positions: Float[Tensor, "K V 3"]) -> Float[Tensor, "K V 2"]:
-    """Unit-disc positions -> px, with a margin of one pixel, so that no map touches the next."""
+    """Map unit-disc positions to px, with a margin of one pixel, so that no map touches the next."""
     return (positions[..., :2] * 0.5 + 0.5) * (MAP_PX - 2) + 1
 
 

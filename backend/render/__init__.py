@@ -9,7 +9,7 @@ The nine stages of a frame, and where each is computed:
 4 field        `pipeline`, `field`               density and channels along the ray, composited
 5 visibility   `primary_hits`,                   where rays meet the skin, and what reaches them there:
                `light_visibility`                sky, lamps, the hand's own skin, nearby geometry
-6 light        `light_visibility`, `light`       direct, one bounce, near field, scattering, reflection
+6 light        `light_visibility`, `light`       direct, indirect diffuse, near field, scattering, reflection
                `measured_light`                  the same as a path tracer has measured it
 7 G-buffer     `gbuffer`                         super-resolved coefficients, normal, alpha, depth
                `surface`, `image.shading`     detail, edges, hair; coefficients x light -> linear colour

@@ -1,4 +1,4 @@
-"""The albedo of a relightable avatar on its mesh, for whatever else the hand is seen in: bounced light and mirrors."""
+"""The albedo of a relightable avatar on its mesh, for indirect light and mirrors in the scene."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _DISTANCE_M, _FOCAL_PX = 0.5, 1000.0
 
 @torch.inference_mode()
 def vertex_albedo(avatar: Avatar, hand: HandModel) -> np.ndarray:
-    """[V, 3] linear diffuse reflectance at the vertices of the rest pose, seen straight on.
+    """Compute the linear diffuse reflectance [V, 3] at the vertices of the rest pose, seen straight on.
 
     Raises:
         LiveHandError: the avatar is not relightable.
@@ -50,7 +50,7 @@ def vertex_albedo(avatar: Avatar, hand: HandModel) -> np.ndarray:
 
 
 def _rays_at_vertices(mesh: PosedMesh, topology: Topology) -> SurfaceRays:
-    """One ray straight down on every vertex, with one opaque sample on the surface."""
+    """Make one ray straight down on every vertex, with one opaque sample on the surface."""
     count = len(mesh.vertices)
     vertex = topology.faces.flatten()
     # The first of the vertex's corners: an assignment would take any one, and another every time.

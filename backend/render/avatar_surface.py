@@ -54,7 +54,7 @@ class AvatarSurface:
         frames: LocalFrames,
         backend: ReferenceBackend,
     ) -> DetailMesh:
-        """The surface over a posed mesh.
+        """Compute the surface over a posed mesh.
 
         Args:
             template: of the pose's side.
@@ -82,7 +82,7 @@ def hairs_on(skin: AvatarSurface, template: DetailTemplate) -> Hairs:
 
 
 def avatar_surface_of(avatar: Avatar, device: torch.device) -> AvatarSurface | None:
-    """The avatar's surface; None: it has none.
+    """Return the avatar's surface; None: it has none.
 
     Raises:
         LiveHandError: its base is another version's.
@@ -91,7 +91,7 @@ def avatar_surface_of(avatar: Avatar, device: torch.device) -> AvatarSurface | N
 
 
 def skin_of_capture(capture: Capture, device: torch.device) -> AvatarSurface | None:
-    """The surface that a capture shows; None: it tells of none.
+    """Load the surface that a capture shows; None: it names none.
 
     Raises:
         LiveHandError: its file is missing or broken.

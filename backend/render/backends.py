@@ -16,7 +16,7 @@ LOGGER = logging.getLogger(__name__)
 
 
 def choose_backend(device: torch.device) -> ReferenceBackend:
-    """Numba on the CPU, if it is installed and works; elsewhere torch, with shadow maps by numba if it can."""
+    """Choose numba on the CPU, if it is installed and works; elsewhere torch, with shadow maps by numba if it can."""
     if not has_numba():
         return ReferenceBackend()
     from ..compute.cpu.backend import NumbaBackend
@@ -26,7 +26,7 @@ def choose_backend(device: torch.device) -> ReferenceBackend:
 
 @cache
 def has_numba() -> bool:
-    """Whether numba can be imported. It refuses a numpy newer than it knows; torch alone still renders then."""
+    """Return whether numba can be imported. It refuses a numpy newer than it knows; torch alone still renders then."""
     try:
         import_module("numba")
     except ModuleNotFoundError:
@@ -38,14 +38,14 @@ def has_numba() -> bool:
 
 
 def kernel_cache() -> Path | None:
-    """The folder that keeps compiled kernels; None: no folder takes them."""
+    """Return the folder that keeps compiled kernels; None: no folder takes them."""
     from ..compute.kernels.compiled import kernel_folder
 
     return kernel_folder()
 
 
 def has_int8_kernels() -> bool:
-    """Whether networks in reduced precision multiply int8 on this processor."""
+    """Return whether networks in reduced precision multiply int8 on this processor."""
     if not has_numba():
         return False
     from ..compute.kernels.vectors import has_int8_products

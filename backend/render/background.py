@@ -28,7 +28,7 @@ class BackgroundWork:
         should_stop: ShouldStop = lambda: False,
         on_progress: Callable[[float], None] = lambda share: None,
     ) -> Result | None:
-        """What `work` returns; it raises what `work` raises. None as soon as `should_stop` returns True.
+        """Return what `work` returns; it raises what `work` raises. None as soon as `should_stop` returns True.
 
         Args:
             work: is given a function that it must query often, and end once that returns True.

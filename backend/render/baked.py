@@ -1,7 +1,7 @@
 """The pipeline of an avatar whose capture's light is baked into its colours.
 
 1 pose, 2 crop, 3 rays, 4 field    `pipeline`
-5 visibility                       of the hand by itself, which the field knows as a condition
+5 visibility                       of the hand by itself, which is a condition of the field
 7 image                            super-resolved colour and alpha
 8 develop                          scene-linear, in the whole image
 """
@@ -58,7 +58,7 @@ class BakedPipeline(Pipeline):
             return replace(frame, profile=depth_profile(rays, crop, shot.camera.size_px)) if crop.scale == 2 else frame
 
     def field_conditions(self, posed: PosedShot) -> FrameConditions:
-        """Return what the field knows of the pose: its own shadows, and its bones if it asks for them.
+        """Return the field's conditions for the pose: its own shadows, and its bones if the field asks for them.
 
         Raises:
             LiveHandError: the field asks for bones, and the mesh is not that of the pose.

@@ -32,7 +32,7 @@ class SceneLayer:
 
 
 def visible_parts(frames: Sequence[Frame], scene_depth: np.ndarray | None = None) -> list[Frame]:
-    """The frames without the parts that the other hands and the scene occlude.
+    """Return the frames without the parts that the other hands and the scene occlude.
 
     Args:
         frames: of one camera, one per hand.
@@ -53,7 +53,7 @@ def visible_parts(frames: Sequence[Frame], scene_depth: np.ndarray | None = None
 
 
 def joined(parts: Sequence[Frame]) -> Frame:
-    """One frame of all visible parts, with the nearest depth."""
+    """Join all visible parts into one frame, with the nearest depth."""
     return Frame(
         rgb=reduce(np.add, (part.rgb for part in parts)),
         alpha=np.minimum(reduce(np.add, (part.alpha for part in parts)), 1),
@@ -62,7 +62,7 @@ def joined(parts: Sequence[Frame]) -> Frame:
 
 
 def over(hands: Frame, scene: SceneLayer) -> Frame:
-    """The joined hands over their scene."""
+    """Composite the joined hands over their scene."""
     behind = 1 - hands.alpha
     return Frame(
         rgb=hands.rgb + behind[..., None] * scene.rgb,
@@ -72,7 +72,7 @@ def over(hands: Frame, scene: SceneLayer) -> Frame:
 
 
 def mean_frame(frames: Sequence[Frame]) -> Frame:
-    """The mean over the samples of an exposure; depth is the first frame's, because a mean depth is meaningless."""
+    """Average the samples of an exposure; depth is the first frame's, because a mean depth is meaningless."""
     if len(frames) == 1:
         return frames[0]
     rgb, alpha = (np.mean([getattr(frame, name) for frame in frames], axis=0) for name in ("rgb", "alpha"))
@@ -80,12 +80,12 @@ def mean_frame(frames: Sequence[Frame]) -> Frame:
 
 
 def profile_of(frame: Frame) -> DepthProfile:
-    """The frame's own, or that of a surface which is as deep and as opaque as it."""
+    """Return the frame's own depth profile, or that of a surface which is as deep and as opaque as it."""
     return frame.profile or DepthProfile.of_surface(frame.depth, frame.alpha, DEPTH_BACKGROUND)
 
 
 def _visible_weights(number: int, profiles: Sequence[DepthProfile]) -> np.ndarray:
-    """[K, N] a hand's weights in the K pixels that it has rays through, attenuated by the other hands."""
+    """Attenuate a hand's weights [K, N] in the K pixels that it has rays through by the other hands."""
     own, others = profiles[number], [*profiles[:number], *profiles[number + 1 :]]
     has_ray = own.row >= 0
     rays = own.row[has_ray]
@@ -94,9 +94,9 @@ def _visible_weights(number: int, profiles: Sequence[DepthProfile]) -> np.ndarra
 
 
 def _balanced(profiles: Sequence[DepthProfile], seen: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """The same weights, scaled in each pixel so that all hands together are as opaque as one behind the other.
+    """Scale the weights in each pixel so that all hands together are as opaque as one behind the other.
 
-    Where hands intersect, the steps are too coarse to tell how much of each is in front.
+    Where hands intersect, the steps are too coarse to resolve how much of each is in front.
     """
     clear = reduce(np.multiply, (1 - _on_image(one, _alpha_at_pixels(one)) for one in profiles))
     total = reduce(np.add, (_on_image(one, weights.sum(1)) for one, weights in zip(profiles, seen, strict=True)))
@@ -105,19 +105,19 @@ def _balanced(profiles: Sequence[DepthProfile], seen: Sequence[np.ndarray]) -> l
 
 
 def _alpha_at_pixels(profile: DepthProfile) -> np.ndarray:
-    """[K] in the pixels that it has rays through."""
+    """Compute alpha [K] in the pixels that the profile has rays through."""
     return profile.alpha[profile.row[profile.row >= 0]]
 
 
 def _on_image(profile: DepthProfile, values: np.ndarray) -> np.ndarray:
-    """[H, W] of values [K], zero in pixels without a ray."""
+    """Scatter values [K] over the image [H, W], zero in pixels without a ray."""
     image = np.zeros(profile.row.shape, np.float32)
     image[profile.row >= 0] = values
     return image
 
 
 def _share_before_hands(own: DepthProfile, seen: np.ndarray, profiles: Sequence[DepthProfile]) -> np.ndarray:
-    """[H, W] share of a hand's light that passes the other hands; `seen` [K, N] are its weights behind them.
+    """Compute the share [H, W] of a hand's light that passes the others; `seen` [K, N] are its weights behind them.
 
     Outlines of surfaces fit together as they are. Those of rays are those of squares of pixels.
     """
@@ -129,7 +129,7 @@ def _share_before_hands(own: DepthProfile, seen: np.ndarray, profiles: Sequence[
 
 
 def _share_before_scene(own: DepthProfile, seen: np.ndarray, scene_depth: np.ndarray) -> np.ndarray:
-    """[H, W] share of that light that passes the scene, too."""
+    """Compute the share [H, W] of that light that passes the scene, too."""
     has_ray = own.row >= 0
     rays, total = own.row[has_ray], seen.sum(1)
     light = opacity_before(scene_depth[has_ray][:, None], own.t[rays], own.dt[rays], seen)[:, 0]
@@ -140,7 +140,7 @@ _MIN_ALPHA = 1e-6
 
 
 def _softened(share: np.ndarray, certainty: np.ndarray) -> np.ndarray:
-    """Shares with soft edges, one pixel wide, extended to the pixels beside the rays, which have a little alpha.
+    """Soften the edges of shares, one pixel wide, and extend them to the pixels beside the rays, with a little alpha.
 
     Cycles' depth has hard edges, one sample per pixel; without blur, the hand would have them too.
     """
@@ -152,7 +152,7 @@ def _softened(share: np.ndarray, certainty: np.ndarray) -> np.ndarray:
 
 
 def _blurred(image: np.ndarray) -> np.ndarray:
-    """A 3 x 3 binomial filter, the border repeated."""
+    """Apply a 3 x 3 binomial filter, the border repeated."""
     padded = np.pad(image, 1, mode="edge")
     rows = padded[:-2] + 2 * padded[1:-1] + padded[2:]
     return (rows[:, :-2] + 2 * rows[:, 1:-1] + rows[:, 2:]) / 16

@@ -17,7 +17,7 @@ PAIRS_PER_LEVEL = 2
 
 
 def murmur3_32(data: bytes) -> int:
-    """MurmurHash3, x86, 32 bits, seed 0."""
+    """Compute MurmurHash3, x86, 32 bits, seed 0."""
     state = 0
     whole = len(data) - len(data) % 4
     for (block,) in struct.iter_unpack("<I", data[:whole]):
@@ -30,19 +30,19 @@ def murmur3_32(data: bytes) -> int:
 
 
 def crypto_hash(name: str) -> int:
-    """The hash of a name, changed where needed so that its bits are a normal float: not denormal, infinite or NaN."""
+    """Hash a name, changed where needed so that the bits are a normal float: not denormal, infinite or NaN."""
     bits = murmur3_32(name.encode())
     exponent = bits >> 23 & 0xFF
     return bits ^ 1 << 23 if exponent in (0, 0xFF) else bits
 
 
 def crypto_id(name: str) -> np.float32:
-    """The float that represents a name in the image."""
+    """Return the float that represents a name in the image."""
     return np.uint32(crypto_hash(name)).view(np.float32)
 
 
 def crypto_ranks(coverages: Mapping[str, np.ndarray], level_count: int) -> np.ndarray:
-    """The levels of the image, sorted by coverage from the largest down; pairs that do not fit are left out.
+    """Compute the levels of the image, sorted by coverage from the largest down; pairs that do not fit are left out.
 
     Args:
         coverages: object name -> [H, W] in [0, 1]; at least one object.
@@ -55,7 +55,7 @@ def crypto_ranks(coverages: Mapping[str, np.ndarray], level_count: int) -> np.nd
 
 
 def merged_ranks(levels: np.ndarray, coverages: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The levels of a picture after objects were put over it, which cover a part of what each pixel showed before.
+    """Update the levels of a picture with objects put over it, which cover a part of what each pixel showed before.
 
     Args:
         levels: [L, H, W, 4] of the picture without these objects.
@@ -71,7 +71,7 @@ def merged_ranks(levels: np.ndarray, coverages: Mapping[str, np.ndarray]) -> np.
 
 
 def crypto_metadata(layer: str, names: Iterable[str]) -> dict[str, str]:
-    """The metadata fields that a file must have.
+    """Return the metadata fields that a file must have.
 
     Args:
         layer: the name of the passes without their number, such as `ViewLayer.CryptoObject`.
@@ -88,13 +88,13 @@ def crypto_metadata(layer: str, names: Iterable[str]) -> dict[str, str]:
 
 
 def _pairs_of(coverages: Mapping[str, np.ndarray]) -> np.ndarray:
-    """[N, H, W, 2] (id, coverage) of each object."""
+    """Return (id, coverage) [N, H, W, 2] of each object."""
     parts = ((crypto_id(name), np.asarray(coverage, np.float32)) for name, coverage in coverages.items())
     return np.stack([np.stack([np.full_like(part, number), part], -1) for number, part in parts])
 
 
 def _ranked(pairs: np.ndarray, level_count: int) -> np.ndarray:
-    """Pairs [N, H, W, 2] sorted by coverage, two to a level: [level_count, H, W, 4]."""
+    """Sort pairs [N, H, W, 2] by coverage, two to a level: [level_count, H, W, 4]."""
     order = np.argsort(-pairs[..., 1], axis=0, kind="stable")[: PAIRS_PER_LEVEL * level_count]
     ranked = np.take_along_axis(pairs, order[..., None], axis=0)
     kept = np.zeros((PAIRS_PER_LEVEL * level_count, *pairs.shape[1:]), np.float32)

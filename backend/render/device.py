@@ -9,7 +9,7 @@ from .backends import has_numba
 
 
 def rendering_device(name: str) -> torch.device:
-    """As `torch_device`, but `auto` is the CPU where its kernels work: two cores are faster than torch on a large GPU.
+    """Choose as `torch_device`, but `auto` is the CPU if its kernels work: two cores beat torch on a large GPU.
 
     Raises:
         LiveHandError: a GPU is requested and not available.
@@ -18,7 +18,7 @@ def rendering_device(name: str) -> torch.device:
 
 
 def torch_device(name: str) -> torch.device:
-    """The device named `auto` (CUDA if it is available, else the CPU), `cpu`, `cuda` or `mps`, the GPU of a Mac.
+    """Return the device named `auto` (CUDA if it is available, else the CPU), `cpu`, `cuda` or `mps`, the GPU of a Mac.
 
     Raises:
         LiveHandError: a GPU is requested and not available.

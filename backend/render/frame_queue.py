@@ -71,7 +71,7 @@ class FrameQueue:
             self._add(self._next_frame, task)
 
     def submit(self, task: FrameTask) -> Future[tuple[ExposureFrames, ...]]:
-        """The result of a task of the current frame, prefetched or not; it holds the renderer's error, if any."""
+        """Return the result of a task of this frame, prefetched or not; it holds the renderer's error, if any."""
         if not any(task.is_same_as(other) for other in self.submitted):
             self.submitted.append(task)
         found = self._find(self._frame, task)
@@ -109,7 +109,7 @@ class _Render:
         self.result = workers.submit(self._run)
 
     def cancel(self) -> None:
-        """Do not begin, or end soon: the result is not needed."""
+        """Cancel the task before it begins, or end it soon: the result is not needed."""
         self._is_cancelled = True
 
     def _should_stop(self) -> bool:
@@ -119,7 +119,7 @@ class _Render:
         return nullcontext() if self._threads is None else thread_limit(self._threads)
 
     def _run(self) -> tuple[ExposureFrames, ...]:
-        """The frames. A stopped render raises: Blender crashes if it saves a render without a result."""
+        """Render the frames. A stopped render raises: Blender crashes if it saves a render without a result."""
         try:
             if not self._should_stop():
                 with self._limit():

@@ -59,7 +59,7 @@ class HandRenderer(Protocol):
         ...
 
     def posed_surface(self, shot: Shot) -> SurfaceMesh | None:
-        """The skin's own surface as frames show it; None: frames show the mesh's."""
+        """Return the avatar's surface as frames show it; None: frames show the mesh's."""
         ...
 
     def render(self, shot: Shot, should_stop: Callable[[], bool]) -> Frame:
@@ -101,7 +101,7 @@ class HandTask:
         return faded(frame, self.shot, self.renderer.hand)
 
     def is_same_as(self, other: HandTask) -> bool:
-        """Whether both give the same frame: one renderer, and shots that are equal to the last bit."""
+        """Return whether both give the same frame: one renderer, and shots that are equal to the last bit."""
         return self.renderer is other.renderer and is_equal(self.shot, other.shot)
 
 
@@ -121,14 +121,14 @@ class FrameTask:
         return tuple(tuple(hand.run(should_stop) for hand in hands) for hands in self.samples)
 
     def is_same_as(self, other: FrameTask) -> bool:
-        """Whether both give the same frames."""
+        """Return whether both give the same frames."""
         pairs = zip(chain(*self.samples), chain(*other.samples), strict=False)
         has_same_shape = [len(hands) for hands in self.samples] == [len(hands) for hands in other.samples]
         return has_same_shape and all(ours.is_same_as(theirs) for ours, theirs in pairs)
 
 
 def is_equal(one: Any, other: Any) -> bool:
-    """Whether records and tuples of arrays are equal, field by field; a dataclass's own `==` cannot compare arrays."""
+    """Return whether records and tuples of arrays are equal by field; a dataclass's own `==` cannot compare arrays."""
     if one is other:
         return True
     if isinstance(one, tuple):

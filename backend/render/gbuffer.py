@@ -40,7 +40,7 @@ class DecodedRays(NamedTuple):
     """The rays of a relightable field with what light is multiplied by.
 
     Attributes:
-        points: where they meet the skin, with the normals that the field tells.
+        points: where they meet the skin, with the normals of the field.
         low: their coefficients and features, premultiplied.
     """
 
@@ -134,7 +134,7 @@ class GBuffer:
         shot: what it shows; its light is not read.
         crop: of the image.
         met: where the rays meet the skin, in the low-resolution view.
-        points: the same with the normals that the field tells.
+        points: the same with the normals of the field.
         sky_visibility: shadows of the sky by the hand alone, as `sky_shadows` gives them.
         image: coefficients and normals.
         albedo: [V, 3] of the skin at the mesh's vertices.
@@ -153,7 +153,7 @@ class GBuffer:
     layer: SurfaceLayer | None
 
     def shows(self, shot: Shot) -> bool:
-        """Whether a shot differs by its light at most."""
+        """Return whether a shot differs by its light at most."""
         ours, theirs = self.shot, shot
         return (
             ours.camera.size_px == theirs.camera.size_px
@@ -171,7 +171,7 @@ class GBuffer:
         return Bounds.of(self.met.hand.mesh)
 
     def is_measured(self, measured: MeasuredLight) -> Bool[Tensor, " R"]:
-        """Whether the surface on which light was measured shows the skin that a ray meets, and no other beside it."""
+        """Return whether the surface on which light was measured shows the skin that a ray meets, and nothing else."""
         shown = self.layer.depth if measured.on_surface and self.layer is not None else self.met.mesh_depth
         camera = self.met.hand.camera
         _, depth = project(camera, self.points.position)

@@ -49,16 +49,16 @@ class LightVisibility(NamedTuple):
     around: PatchIrradiance | None
 
     def lit_by(self, samples: LightSamples) -> LightVisibility:
-        """Return the same of other strengths of the same lamps and sky."""
+        """Return the same visibility of other strengths of the same lamps and sky."""
         return self._replace(samples=samples)
 
     def with_albedo(self, albedo: Float[Tensor, " 3"]) -> LightVisibility:
-        """Return the same on a hand whose skin has this albedo everywhere, where it lights itself."""
+        """Return the same on a hand whose skin has this albedo everywhere, for its indirect diffuse light."""
         surfels = self.shadows.surfels._replace(albedo=albedo)
         return self._replace(shadows=self.shadows._replace(surfels=surfels))
 
     def features(self, points: SurfacePoints, backend: ReferenceBackend) -> LightFeatures:
-        """Return what the light does at the points, and nearby geometry with it."""
+        """Compute the light features of the points, with near-field light from nearby geometry."""
         return features_with_nearby(self.around, self.samples, self.shadows, self.sky_visibility, points, backend)
 
     def packed(self) -> PackedVisibility:
@@ -77,7 +77,7 @@ class PackedVisibility(NamedTuple):
     around: PatchIrradiance | None
 
     def unpacked(self, samples: LightSamples) -> LightVisibility:
-        """Return it of the light whose samples these are."""
+        """Return the visibility of the light whose samples these are."""
         shadows = FrameShadows(_unpacked(self.sky), _unpacked(self.lamps), self.surfels)
         return LightVisibility(samples, shadows, _unpacked(self.sky_visibility), self.around)
 
@@ -118,14 +118,14 @@ def light_visibility(
 
 
 def occluding_triangles(light: Light, device: torch.device) -> Float[Tensor, "T 3 3"]:
-    """Nearby geometry, world, m."""
+    """Return the triangles of nearby geometry, world, m."""
     return torch.as_tensor(light.occluders, dtype=torch.float32, device=device)
 
 
 def sky_shadows(
     backend: ReferenceBackend, hand: HandInView, occluders: Float[Tensor, "T 3 3"], position: Float[Tensor, "R 3"]
 ) -> PointShadows:
-    """The shadows of the sky's cells at points and then at the surfels, whatever light comes from there."""
+    """Cast the shadows of the sky's cells at points and then at the surfels, whatever light comes from there."""
     views, of_cell = ShadowedSky.of(hand.light_quality.sky_directions, position.device)
     shadows = _distant_shadows(backend, hand, occluders, position, views)
     if len(views.distance) == SKY_DIRECTIONS:
@@ -141,7 +141,7 @@ def with_parts(
     occluders: Float[Tensor, "T 3 3"],
     position: Float[Tensor, "R 3"],
 ) -> PointShadows:
-    """The shadows of a sky's cells, which are given, and of the parts of those that are divided, as `sky_shadows`."""
+    """Add to given shadows of a sky's cells those of the parts of divided ones, as `sky_shadows`."""
     parts = torch.arange(SKY_DIRECTIONS, len(sky.towards), device=position.device)
     if not len(parts):
         return of_cells
@@ -169,17 +169,17 @@ def light_shadows(
     shining_on_probes: LampSamples | None = None,
     shadow_casters: LampShadowCasters | None = None,
 ) -> FrameShadows:
-    """The shadows of a light at points, by the hand itself and by occluders.
+    """Cast the shadows of a light at points, by the hand itself and by occluders.
 
     Args:
         backend: computes them.
         hand: posed.
         light: sampled.
-        occluders: what else stands in its way.
+        occluders: triangles of the scene, [T, 3, 3] m, world, that may shadow the points.
         position: of the points, m, world.
         of_sky: as `sky_shadows` gives them.
-        albedo: of the skin that sheds light on itself, [V, 3] of the vertices or [3] of all.
-        shining_on_probes: the lamps as they light that skin, in fewer samples; None: as everywhere.
+        albedo: of the skin, for indirect diffuse light, [V, 3] of the vertices or [3] of all.
+        shining_on_probes: the lamps as they light the surfels, in fewer samples; None: as everywhere.
         shadow_casters: cast and take their shadows; None: the mesh does, at the points.
     """
     surfels, bounds = Surfels.of(hand.mesh, hand.topology, hand.light_quality.surfels), Bounds.of(hand.mesh)
@@ -216,7 +216,7 @@ def nearby_geometry_of(
     samples: LightSamples,
     light: Light,
 ) -> PatchIrradiance | None:
-    """Nearby geometry, and what it receives from a light; None: nothing does that would shed any.
+    """Find nearby geometry, and what it receives from a light; None: nothing there would reflect any.
 
     Args:
         backend: computes the shadows.
@@ -248,10 +248,10 @@ def features_with_nearby(
     points: SurfacePoints,
     backend: ReferenceBackend,
 ) -> LightFeatures:
-    """What a light does at points, and nearby geometry with it: on them, and on the skin that sheds light on them.
+    """Compute a light's features at points, with near-field light on them and on the skin that lights them indirectly.
 
     Args:
-        around: nearby geometry, if anything does.
+        around: patches of nearby geometry and their irradiance, if there are any.
         light: sampled.
         shadows: at the points.
         sky_visibility: shadows of the sky by the hand alone, as `sky_shadows` gives them.
@@ -270,7 +270,7 @@ def features_with_nearby(
 
 
 def split_points(shadows: PointShadows, count: int) -> tuple[PointShadows, PointShadows]:
-    """The shadows at the first `count` points, and at the others."""
+    """Split the shadows into those at the first `count` points, and at the others."""
     lit, depth_in_m = shadows
     first = PointShadows(lit[:, :count], depth_in_m[:, :count])
     return first, PointShadows(lit[:, count:], depth_in_m[:, count:])

@@ -19,7 +19,7 @@ from ..records.light import MeasuredLight
 # hand, as for rays that pass beside the bare mesh, through the shell.
 _SIDES = (3, 9, 27)
 _STRIDES = (1, 2, 4)  # of the passes of `without_noise`, in rays
-# Of a square; what the path tracer's few samples tell of less is chance.
+# Of a square; of less, the path tracer's few samples are noise.
 _LEAST_COVERED = 0.2
 _LEAST_KNOWN = 1e-3  # of the weights about a ray
 _TINY = 1e-6
@@ -28,7 +28,7 @@ _TINY = 1e-6
 def measured_at(
     measured: MeasuredLight, crop: Crop, pixel: Tensor, size_px: tuple[int, int]
 ) -> tuple[Float[Tensor, "R 3"], Float[Tensor, "R 3"]]:
-    """Direct and indirect light at rays, each a mean over the hand's measured pixels around it, for they are noisy.
+    """Average direct and indirect light at rays over the hand's measured pixels around each, for they are noisy.
 
     Args:
         measured: of the whole image.
@@ -66,7 +66,7 @@ class AtRays(NamedTuple):
     means: EdgeAvoidingMean = edge_avoiding_mean
 
     def filled(self, values: Float[Tensor, "R C"]) -> Float[Tensor, "R C"]:
-        """Their values; at the other rays, means of those nearby on the same surface, if there are any.
+        """Fill the rays without a measurement by means of those nearby on the same surface, if there are any.
 
         A mesh ends beside the surface that is seen: along outlines, light of the palm was that of the finger before.
         """
@@ -94,7 +94,7 @@ class AtRays(NamedTuple):
 def without_noise(
     values: Float[Tensor, "R 3"], hit_points: RaySurfacePoints, means: EdgeAvoidingMean = edge_avoiding_mean
 ) -> Float[Tensor, "R 3"]:
-    """Means of what varies slowly over the skin, as light that other surfaces reflect, over rays on the same surface.
+    """Denoise what varies slowly over the skin, as indirect light does, by means over rays on the same surface.
 
     Three passes over 3 x 3 rays, each twice as far apart.
     """

@@ -73,7 +73,7 @@ def compose_picture(
 
 
 def _coverage(hands: Sequence[HandInstance], samples: Sequence[Sequence[Frame]]) -> dict[str, np.ndarray]:
-    """Instances of one mesh count together."""
+    """Sum the coverage of each mesh's instances, which count together."""
     coverage: dict[str, np.ndarray] = {}
     for hand, parts in zip(hands, zip(*samples, strict=True), strict=True):
         alpha = np.mean([part.alpha for part in parts], axis=0)
@@ -84,7 +84,7 @@ def _coverage(hands: Sequence[HandInstance], samples: Sequence[Sequence[Frame]])
 
 
 def surface_of(task: FrameTask, motion: Sequence[np.ndarray] | None = None) -> Mapping[str, np.ndarray] | None:
-    """The surface maps at the sample nearest to the frame itself (a mean of normals or positions means nothing).
+    """Compute the surface maps at the sample nearest to the frame itself (mean normals or positions mean nothing).
 
     None if the task has no hand. `motion` [V, 4] px is that of each hand's vertices, as `SurfaceMaps` has it.
     """
@@ -97,5 +97,5 @@ def surface_of(task: FrameTask, motion: Sequence[np.ndarray] | None = None) -> M
 
 
 def _mean(samples: Sequence[Sequence[Frame]], size_px: tuple[int, int]) -> Frame:
-    """The mean over the exposure of the joined parts; empty without a sample."""
+    """Average the joined parts over the exposure; empty without a sample."""
     return mean_frame([joined(parts) for parts in samples]) if samples else empty_frame(size_px)

@@ -102,7 +102,7 @@ class Pipeline:
         return self._topologies[shot.pose.side]
 
     def conditions(self, posed: PosedShot, visibility: Tensor) -> FrameConditions:
-        """Return what the field knows of the pose; `visibility` [V, K] of the mesh's vertices."""
+        """Return the field's conditions for the pose; `visibility` [V, K] of the mesh's vertices."""
         hand, theta = posed.hand, self.tensor(self.canonical_theta(posed.shot.pose))
         return FrameConditions.of(
             theta, self.skinning, hand.topology, hand.mesh, visibility, self.backend.local_rotations

@@ -59,22 +59,22 @@ class PreviewScheduler:
         self._started.append(self._thread.submit(self._work))
 
     def pop_outcome(self, view: Hashable) -> StepOutcome | None:
-        """The newest outcome of a view; None if there is none since the last call."""
+        """Take the newest outcome of a view; None if there is none since the last call."""
         with self._lock:
             return self._outcomes.pop(view, None)
 
     def has_outcome(self, view: Hashable) -> bool:
-        """Whether `pop_outcome` would return one."""
+        """Return whether `pop_outcome` would return one."""
         with self._lock:
             return view in self._outcomes
 
     def is_busy(self, view: Hashable) -> bool:
-        """Whether a step of the view waits or runs."""
+        """Return whether a step of the view waits or runs."""
         with self._lock:
             return view in self._waiting or (self._running is not None and self._running.view == view)
 
     def is_waiting(self, view: Hashable) -> bool:
-        """Whether the first step of a request of the view waits for another step to end."""
+        """Return whether the first step of a request of the view waits for another step to end."""
         with self._lock:
             return view in self._waiting and self._waiting[view].number == 0
 
@@ -119,7 +119,7 @@ class PreviewScheduler:
             return self._running is not request or self._is_preempted(request)
 
     def _is_preempted(self, request: _Request) -> bool:
-        """Whether a finer step must give way to the first step of another request."""
+        """Return whether a finer step must give way to the first step of another request."""
         return request.number > 0 and any(other.number == 0 for other in self._waiting.values())
 
     def _end(self, request: _Request, outcome: StepOutcome) -> None:

@@ -75,7 +75,7 @@ def primary_hits(
         hand: posed, in the rays' view.
         rays: sampled.
         hits: of the rays with the avatar's surface; None: it has none.
-        shown: the rays rendered, whose opacity tells which of two surfaces one shows; None: the nearer one.
+        shown: the rays rendered, whose opacity decides which of two surfaces one shows; None: the nearer one.
         points_of: as `MeshPoints.of`.
     """
     layers, directions = skin_layers(backend, hand), ray_directions(hand.camera, rays.pixel)
@@ -124,7 +124,7 @@ class SkinLayers(NamedTuple):
         hits: RayHits | None = None,
         points_of: MeshPointsOf = MeshPoints.of,
     ) -> MeshPoints:
-        """Where rays lie on the mesh that meet the skin there.
+        """Find where rays lie on the mesh that meet the skin there.
 
         Args:
             hand: in the view of these layers.
@@ -141,7 +141,7 @@ class SkinLayers(NamedTuple):
         return points_of(hand.mesh, hand.topology.faces, face, position)
 
     def visible_to(self, rays: RenderedRays, size_px: tuple[int, int]) -> SurfaceDepth:
-        """The same, but behind what may stand out where the rays' opacity is rather there.
+        """Return `first`, but the skin behind what may stand out where the rays' opacity is rather there.
 
         A ray that passes a finger's outline shows the palm behind it, and has the palm's shadow.
 
@@ -163,7 +163,7 @@ class SkinLayers(NamedTuple):
 
 
 def skin_layers(backend: ReferenceBackend, hand: HandInView) -> SkinLayers:
-    """The skin that the rays of all pixels may meet."""
+    """Find the skin that the rays of all pixels may meet."""
     vertices, normals, scale = hand.mesh
     outer = hand.mesh._replace(vertices=vertices + _STANDS_OUT_M * scale * normals)
     of_mesh, of_outer = (backend.first_hit(hand._replace(mesh=mesh)) for mesh in (hand.mesh, outer))
@@ -173,7 +173,7 @@ def skin_layers(backend: ReferenceBackend, hand: HandInView) -> SkinLayers:
 def is_off_edges(
     shown: SurfaceDepth, depth: Float[Tensor, " R"], pixel: Int[Tensor, " R"], size_px: tuple[int, int]
 ) -> Bool[Tensor, " R"]:
-    """Whether an image of a hand, in 3 x 3 pixels around a ray, shows nothing but the surface that the ray meets.
+    """Return whether an image of a hand, in 3 x 3 pixels around a ray, shows only the surface that the ray meets.
 
     Args:
         shown: at its pixels; its depth is infinite beside the hand.
@@ -196,7 +196,7 @@ def ray_positions(
     dt: Float[Tensor, " R"],
     hits: RayHits | None = None,
 ) -> Float[Tensor, "R 3"]:
-    """Where rays first meet the skin, world, m; rays that only meet the shell: the middle of their samples.
+    """Find where rays first meet the skin, world, m; rays that only meet the shell: the middle of their samples.
 
     That is on the mesh, of which shadows are cast, but where an avatar's surface shows another part, on that surface.
 
@@ -207,7 +207,7 @@ def ray_positions(
         directions: of depth 1.
         t: depth of the samples, m; only the first is read.
         dt: their step, m.
-        hits: of the rays with an avatar's surface; None: none is known.
+        hits: of the rays with the avatar's surface; None: it has none.
     """
     depth, middle = skin.depth[pixel], t[:, 0] + 0.5 * (t.shape[1] - 1) * dt
     if hits is not None:
@@ -224,7 +224,7 @@ def surface_points(
     hit_points: MeshPoints,
     hits: RayHits | None = None,
 ) -> SurfacePoints:
-    """The points with the normals that were gathered along the rays.
+    """Make points with the normals that were gathered along the rays.
 
     Args:
         field: whose rays they are.
@@ -232,7 +232,7 @@ def surface_points(
         position: as `ray_positions` gives them.
         view: unit, of the rays.
         hit_points: on the mesh.
-        hits: of the rays with an avatar's surface; None: none is known.
+        hits: of the rays with the avatar's surface; None: it has none.
     """
     normal, relief_normal = (normalize(values, dim=-1) for values in field.normals(mean_features(gathered)))
     normal = normal.detach()
@@ -274,12 +274,12 @@ class HitSurface(NamedTuple):
     position: Tensor
 
     def shadow_casters(self, is_finest: bool) -> LampShadowCasters:
-        """A quarter of its faces with the corners where they are; for hard lamps all of them, if it is to be finest."""
+        """Return a quarter of the faces with corners unmoved; for hard lamps all, if it is to be finest."""
         soft = self.shadow_caster(self.mesh.coarse_faces)
         return LampShadowCasters(self.shadow_caster(self.mesh.faces) if is_finest else soft, soft)
 
     def shadow_caster(self, faces: Int[Tensor, "F 3"]) -> LampShadowCaster:
-        """These faces with their corners where they are on the surface; those are its first vertices."""
+        """Make a caster of these faces with corners where they are on the surface; those are its first vertices."""
         count = int(faces.max()) + 1
         posed = PosedMesh(self.mesh.vertices[:count], self.mesh.normals[:count], self.mesh.scale)
         return LampShadowCaster(posed, faces, self.position)

@@ -13,17 +13,17 @@ Training (`training.step`) takes the same stages with a loss at its end. It diff
 is explicit: in this module's calls, or an argument of the stage that is named. What each costs or gains in dB has not
 been measured; both ways are as they were when the shipped avatars were trained.
 
-- Frames add rays where the field misses the avatar's surface, and fill clear ones (`surface.hole_filling`).
+- Frames add rays where the field misses the avatar's surface, and fill transparent ones (`surface.hole_filling`).
 - Of a ray beside an outline, frames ask its opacity which surface it shows (`shown` of `primary_hits` and of
-  `skin_at_full_size`); training takes the nearer one, for it keeps places and shadows while opacities are learnt.
+  `skin_at_full_size`); training takes the nearer one, for it keeps points and shadows while opacities are learnt.
 - Pixels take light from rays at their own depth (`skin` of `RelightableNetworks.enlarged`): in frames at that of the
   avatar's surface, in training at that of the mesh.
 - Where the surface stands far off the mesh, both trace the moved mesh (`SurfaceInView.met`), but frames look up the
   field on it as well, and training on the mesh.
 - Frames smooth light over neighbouring rays (`features` here), training does not (`LightVisibility.features`).
-- Where skin lights itself, frames know its albedo at each vertex (`albedo`), training the mean of what a view shows
+- For indirect diffuse, frames take the albedo at each vertex (`albedo`), training the mean of what a view shows
   (`LightVisibility.with_albedo`), as its field changes at every step.
-- Frames that are kept take more samples of soft lamps on the rays than where skin lights itself (`at_probes` of
+- Frames that are kept take more samples of soft lamps on the rays than on the surfels (`at_probes` of
   `light_visibility`); training takes the fewer for both.
 - Only frames blend the edges of parts, draw hair and take light that was measured.
 """
@@ -128,7 +128,7 @@ class RelightablePipeline(Pipeline):
     def visibility(self, gbuffer: GBuffer, light: Light) -> LightVisibility:
         """Cast the shadows of a light."""
         samples = LightSamples.of(light, gbuffer.bounds)
-        # Light that the hand sheds on itself is soft whatever its shadows.
+        # Indirect diffuse light is soft whatever its shadows.
         at_probes = LampSamples.of(light.lamps, gbuffer.bounds) if light.shadow_quality == "fine" else None
         hand, position, albedo = gbuffer.met.hand, gbuffer.met.position, gbuffer.albedo
         given = samples, position, gbuffer.sky_visibility, albedo, at_probes, _lamp_skins(gbuffer, light)
@@ -194,7 +194,7 @@ class RelightablePipeline(Pipeline):
     def _on_surface(
         self, met: PrimaryHits, surface: SurfaceInView, rays: DecodedRays, networks: RelightableNetworks
     ) -> tuple[ShadingInputs, SurfaceLayer]:
-        """The image with the outline and the detail of the avatar's surface, and that."""
+        """Return the image with the outline and the detail of the avatar's surface, and that surface's layer."""
         full, edge_m = doubled(met.hand.camera), met.mesh_depth.edge_m
         assert met.hits is not None
         rays = rays._replace(low=inpaint(rays.low, met.pixel, met.hand.camera.size_px, met.hits, edge_m))
@@ -234,7 +234,7 @@ class RelightablePipeline(Pipeline):
 
 
 def _lamp_skins(gbuffer: GBuffer, light: Light) -> LampShadowCasters | None:
-    """The skins that cast lamps' shadows; of what moves, the mesh's own faces, with their corners on the surface."""
+    """Choose the skins that cast lamps' shadows; of what moves, the mesh's own faces, corners on the surface."""
     if gbuffer.layer is None:
         return None
     if gbuffer.shot.quality == "final":

@@ -92,7 +92,7 @@ class Renderer:
         return BakedPipeline(*given)
 
     def posed_surface(self, shot: Shot) -> SurfaceMesh | None:
-        """Return the skin's own surface as frames show it; None: it is not known, they show the mesh's."""
+        """Return the avatar's surface as frames show it; None: there is none, they show the mesh's."""
         return self.pipeline.posed_surface(shot)
 
     def forget(self) -> None:

@@ -76,22 +76,22 @@ class Session:
         self._renderers: dict[tuple, HandRenderer] = {}
 
     def hand(self, path: Path) -> HandModel:
-        """The hand model in a file, which serves both sides."""
+        """Return the hand model in a file, which serves both sides."""
         return _cached(self._hands, _file_key(path), lambda: load_hand_model(path))
 
     def renderer(self, avatar_path: Path, hand: HandModel, device: Device) -> HandRenderer:
-        """The renderer of an avatar on a hand of this session."""
+        """Return the renderer of an avatar on a hand of this session."""
         key = (*_file_key(avatar_path), hand.sha256, device)
         return _cached(self._renderers, key, lambda: self._make_renderer(avatar_path, hand, device))
 
     def avatar_path(self, renderer: HandRenderer) -> Path:
-        """The avatar file of a renderer of this session."""
+        """Return the avatar file of a renderer of this session."""
         (key,) = (key for key, known in self._renderers.items() if known is renderer)
         return key[0]
 
     @contextlib.contextmanager
     def queueing(self) -> Iterator[FrameQueue]:
-        """A context in which the engine renders through a queue, which also renders the next frame in advance."""
+        """Enter a context in which the engine renders through a queue, which also renders the next frame in advance."""
         with FrameQueue() as self.queue:
             try:
                 yield self.queue
@@ -105,7 +105,7 @@ class Session:
 
 
 def _file_key(path: Path) -> tuple:
-    """(path, modification time, size), so that a file that was overwritten is loaded again.
+    """Return (path, modification time, size), so that a file that was overwritten is loaded again.
 
     Raises:
         LiveHandError: there is no such file.
@@ -118,7 +118,7 @@ def _file_key(path: Path) -> tuple:
 
 
 def _cached(cache: dict[tuple, Item], key: tuple, load: Callable[[], Item]) -> Item:
-    """The cached item; loading one removes those of earlier versions of its file."""
+    """Return the cached item; loading one removes those of earlier versions of its file."""
     if key not in cache:
         for old in [old for old in cache if old[0] == key[0] and old[1:3] != key[1:3]]:
             del cache[old]

@@ -11,7 +11,7 @@ _SKY = 0.12  # radiance
 
 
 def studio_light() -> Light:
-    """A key lamp from the upper left of a camera that looks along +Y at the origin, and a dim sky."""
+    """Make a key lamp from the upper left of a camera that looks along +Y at the origin, and a dim sky."""
     towards = np.array([-0.75, -0.5, 0.6])
     towards /= np.linalg.norm(towards)
     size_m = (_KEY_SIZE_M, _KEY_SIZE_M)

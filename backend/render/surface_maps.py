@@ -67,7 +67,7 @@ def surface_maps(shot: Shot, hand: HandModel, motion: np.ndarray | None = None) 
 
 
 def vertex_map(shot: Shot, hand: HandModel, values: np.ndarray) -> np.ndarray:
-    """[H, W] values [V] of the vertices at pixel centres, on the mesh's nearest front face; NaN beside the mesh."""
+    """Interpolate vertex values [V] at pixel centres [H, W], on the mesh's nearest front face; NaN beside it."""
     vertices = torch.as_tensor(shot.vertices, dtype=torch.float32)
     faces = torch.as_tensor(hand.for_side(shot.pose.side).f)
     seen = _VisiblePoints.of(shot, vertices, faces)
@@ -76,7 +76,7 @@ def vertex_map(shot: Shot, hand: HandModel, values: np.ndarray) -> np.ndarray:
 
 
 def nearest_maps(maps: list[SurfaceMaps]) -> SurfaceMaps:
-    """The maps of several hands merged by depth."""
+    """Merge the maps of several hands by depth."""
     first, *others = maps
     for other in others:
         is_nearer = other.depth < first.depth
@@ -107,7 +107,7 @@ class _VisiblePoints(NamedTuple):
 
 
 def _nearest_fronts(hits: Fragments) -> tuple[torch.Tensor, torch.Tensor]:
-    """Pixels that see a front face, and the fragment that each sees."""
+    """Find pixels that see a front face, and the fragment that each sees."""
     fronts = hits.is_front.nonzero()[:, 0].numpy()
     order = fronts[np.lexsort((hits.depth[fronts], hits.pixel[fronts]))]
     pixel, first = np.unique(hits.pixel[order].numpy(), return_index=True)
@@ -115,7 +115,7 @@ def _nearest_fronts(hits: Fragments) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _barycentric(points: torch.Tensor, corners: torch.Tensor) -> torch.Tensor:
-    """[K, 3] of points in the planes of triangles [K, 3, 3]."""
+    """Compute the barycentric coordinates [K, 3] of points in the planes of triangles [K, 3, 3]."""
     a, b, c = corners.unbind(1)
     normal = torch.linalg.cross(b - a, c - a)
     squared = (normal * normal).sum(-1)

@@ -25,7 +25,7 @@ _SUPERSAMPLING = 2  # sharper than rendering small, because it is closer to the 
 
 
 def with_thumbnail(avatar: Avatar, hand: HandModel, device: str = "auto") -> Avatar:
-    """The avatar with a new thumbnail.
+    """Return the avatar with a new thumbnail.
 
     Args:
         avatar: of `hand`, or of a hand model that differs from it only by a refined surface.
@@ -37,7 +37,7 @@ def with_thumbnail(avatar: Avatar, hand: HandModel, device: str = "auto") -> Ava
 
 
 def render_thumbnail(renderer: Renderer) -> np.ndarray:
-    """[192, 192, 4] uint8: sRGB with straight alpha, top row first."""
+    """Render [192, 192, 4] uint8: sRGB with straight alpha, top row first."""
     theta = np.zeros((16, 3))
     theta[0] = matrix_to_axis_angle(upright(renderer.hand.side))
     pose = HandPose(theta, np.zeros(10), np.zeros(3), renderer.hand.side)
@@ -50,7 +50,7 @@ def render_thumbnail(renderer: Renderer) -> np.ndarray:
 
 
 def _averaged(plane: np.ndarray) -> np.ndarray:
-    """[H, W, ...] averaged over blocks of pixels; colours are linear and premultiplied."""
+    """Average [H, W, ...] over blocks of pixels; colours are linear and premultiplied."""
     return (
         plane.reshape(SIDE_PX, _SUPERSAMPLING, SIDE_PX, _SUPERSAMPLING, -1)
         .mean((1, 3), dtype=np.float32)

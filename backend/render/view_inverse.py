@@ -48,7 +48,7 @@ class ViewInverse:
         return cls(code.reshape(GRID_SIZE, GRID_SIZE, GRID_SIZE, 3), float(np.median(np.abs(error).max(-1))))
 
     def __call__(self, rgb_linear: np.ndarray) -> np.ndarray:
-        """The colours [..., 3] to render for the wanted ones; both linear Rec.709, the latter clipped to [0, 1].
+        """Map wanted colours [..., 3] to those to render; both linear Rec.709, the former clipped to [0, 1].
 
         Saturated colours beyond Rec.709 have a negative component.
         """
@@ -57,7 +57,7 @@ class ViewInverse:
 
 
 def _solve(rgb: np.ndarray, wanted: np.ndarray, show: Show) -> tuple[np.ndarray, np.ndarray]:
-    """Codes that are shown as `wanted` [N, 3], starting from `rgb`, and the remaining error [N, 3].
+    """Find codes that are shown as `wanted` [N, 3], starting from `rgb`, and the remaining error [N, 3].
 
     Each colour has its own Levenberg damping: steps stay short where the view is flat or cannot show the colour.
     """
@@ -78,7 +78,7 @@ def _solve(rgb: np.ndarray, wanted: np.ndarray, show: Show) -> tuple[np.ndarray,
 
 
 def _linearised(code: np.ndarray, wanted: np.ndarray, show: Show) -> tuple[np.ndarray, np.ndarray]:
-    """How far the shown colours exceed the wanted ones [N, 3], and their slopes by code [N, 3 shown, 3 code]."""
+    """Compute how far shown colours exceed the wanted ones [N, 3], and their slopes by code [N, 3 shown, 3 code]."""
     codes = np.stack([code, *(code + _PROBE * axis for axis in np.eye(3))])
     shown = show(_rgb_of_code(codes.reshape(-1, 3))).reshape(codes.shape)
     return shown[0] - wanted, np.moveaxis((shown[1:] - shown[0]) / _PROBE, 0, -1)
@@ -89,7 +89,7 @@ def _rgb_of_code(code: np.ndarray) -> np.ndarray:
 
 
 def interpolated(table: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """[N, 3], trilinear between the table's points, which are evenly spaced along `axis` [N, 3] in [0, 1]."""
+    """Interpolate [N, 3], trilinear between the table's points, spaced evenly along `axis` [N, 3] in [0, 1]."""
     place = axis * (len(table) - 1)
     low = np.minimum(place.astype(int), len(table) - 2)
     part = place - low

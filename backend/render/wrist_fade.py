@@ -21,7 +21,7 @@ _MARGIN_PX, _MARGIN_SHARE = 8, 0.15
 
 
 def faded(frame: Frame, shot: Shot, hand: HandModel) -> Frame:
-    """The frame with the shot's fade; without one, the same frame.
+    """Apply the shot's fade to the frame; without one, the same frame.
 
     Args:
         frame: of the shot.
@@ -43,7 +43,7 @@ def faded(frame: Frame, shot: Shot, hand: HandModel) -> Frame:
 
 
 def _opaque_share(frame: Frame, shot: Shot, model: HandModel) -> np.ndarray:
-    """[H, W] what remains of each pixel of the frame; only the window that shows the end is looked at."""
+    """Compute what remains of each pixel of the frame [H, W]; only the window that shows the end is looked at."""
     of_vertices = distance_from_end_m(model)
     of_faces = of_vertices[model.f]
     rows, columns = _window(shot, model.f[of_faces.min(1) < shot.wrist_fade_m])
@@ -58,7 +58,7 @@ def _opaque_share(frame: Frame, shot: Shot, model: HandModel) -> np.ndarray:
 
 
 def _window(shot: Shot, faces: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns of the image that show faces [F, 3] and what little of the hand lies beside them."""
+    """Find rows and columns of the image that show faces [F, 3] and what little of the hand lies beside them."""
     width, height = shot.camera.size_px
     pixels, depth_m = shot.camera.project(shot.vertices[np.unique(faces)])
     if (depth_m <= NEAR_M).any():
@@ -71,7 +71,7 @@ def _window(shot: Shot, faces: np.ndarray) -> tuple[slice, slice]:
 
 
 def _spread(distance_m: np.ndarray, is_needed: np.ndarray) -> np.ndarray:
-    """[H, W] with the mean of the known neighbours in needed pixels beside the mesh, outwards pixel by pixel.
+    """Fill needed pixels beside the mesh [H, W] with the mean of their known neighbours, outwards pixel by pixel.
 
     Pixels that are not needed, or that no mesh is near, are infinitely far.
     """
@@ -89,7 +89,7 @@ def _spread(distance_m: np.ndarray, is_needed: np.ndarray) -> np.ndarray:
 
 
 def _faded_profile(profile: DepthProfile, share: np.ndarray) -> DepthProfile:
-    """The opacity of each ray, times the mean share [H, W] of its pixels."""
+    """Multiply the opacity of each ray by the mean share [H, W] of its pixels."""
     has_ray, count = profile.row >= 0, len(profile.weights)
     rays = profile.row[has_ray]
     pixels = np.bincount(rays, minlength=count)

@@ -39,12 +39,12 @@ _CONTENT: Mapping[str, Mapping[str, str]] = {
 
 
 def has_base(hand_sha256: str) -> bool:
-    """Whether there is a base surface of this hand model."""
+    """Return whether there is a base surface of this hand model."""
     return hand_sha256 == builtin_sha256()
 
 
 def base_arrays(*files: str) -> dict[str, np.ndarray]:
-    """The arrays of the base, by the names of `ARRAYS`, in whole steps; those of these files, or of all."""
+    """Read the arrays of the base, by the names of `ARRAYS`, in whole steps; those of these files, or of all."""
     arrays: dict[str, np.ndarray] = {}
     for file in files or _CONTENT:
         with np.load(builtin_hand_path().with_name(file), allow_pickle=False) as archive:
@@ -53,24 +53,24 @@ def base_arrays(*files: str) -> dict[str, np.ndarray]:
 
 
 def file_arrays(file: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The arrays of one of the base's files, by its own names for them."""
+    """Select the arrays of one of the base's files, by its own names for them."""
     return {theirs: arrays[ours] for theirs, ours in _CONTENT[file].items()}
 
 
 def base_sha256() -> str:
-    """Identity of the base that this software has: the sha256 of its files."""
+    """Return the identity of the base that this software has: the sha256 of its files."""
     return files_sha256(tuple(_CONTENT))
 
 
 @cache
 def files_sha256(names: tuple[str, ...]) -> str:
-    """The sha256 of files beside the built-in hand model."""
+    """Compute the sha256 of files beside the built-in hand model."""
     beside = builtin_hand_path().with_name
     return hashlib.sha256(b"".join(beside(name).read_bytes() for name in names)).hexdigest()
 
 
 def surface_of_person(person: Person, hand_sha256: str) -> StoredSurface | None:
-    """The surface of a person with the base's arrays; None: the hand has none, or the person's nails are painted."""
+    """Make a person's surface with the base's arrays; None: the hand has none, or the person's nails are painted."""
     if not has_base(hand_sha256) or person.nail_polish is not None:
         return None
     return StoredSurface(hand_sha256, person, {}, base_sha256(), REGIONS)
@@ -96,7 +96,7 @@ def check_base(surface: StoredSurface, source: str) -> None:
 
 
 def whole_surface(surface: StoredSurface, source: str = "the surface") -> StoredSurface:
-    """The surface with all arrays its own.
+    """Return the surface with all arrays its own.
 
     Raises:
         LiveHandError: its base is not here, or its own arrays do not fit those of the base.
@@ -110,7 +110,7 @@ def whole_surface(surface: StoredSurface, source: str = "the surface") -> Stored
 
 
 def on_base(surface: StoredSurface) -> StoredSurface:
-    """The surface without the arrays that the base has, too; as it is, if its hand has no base or it names one."""
+    """Drop the arrays that the base has, too; the surface as it is, if its hand has no base or it names one."""
     if surface.base is not None or not has_base(surface.hand_sha256):
         return surface
     base = base_arrays()

@@ -1,8 +1,8 @@
 """A person's skin as a pyramid of maps over the atlas: slopes, pigment, folds, nails and gloss, for images of any size.
 
 Each level is half as wide as the one before. What it no longer shows of slopes widens the lobe of gloss, by their
-variance (Toksvig 2005; Olano and Baker 2010); so do steep walls of one texel, which would glitter. From afar, where
-rays lie farther apart than the planes of a field resolve, the colours that they pass over are added.
+variance (Toksvig 2005; Olano and Baker 2010); so do steep walls of one texel, which would glitter. In small images,
+where rays lie farther apart than the planes of a field resolve, the colours that they pass over are added.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class DetailMaps(NamedTuple):
 
     @classmethod
     def of(cls, detail: SurfaceDetail, look: SkinLook, device: torch.device | str = "cpu") -> DetailMaps:
-        """The maps of a person.
+        """Make the detail maps of a person.
 
         Args:
             detail: of the hand.
@@ -127,7 +127,7 @@ class DetailMaps(NamedTuple):
         return [(sum(size**2 for size in sizes[:level]), sizes[level]) for level in range(_LEVELS)]
 
     def sample(self, uv: Float[Tensor, "P 2"], level: Float[Tensor, " P"]) -> Float[Tensor, "P 12"]:
-        """Trilinear, in mm a texel, logarithms, 1 on nails, and squares."""
+        """Sample the maps, trilinear, in mm a texel, logarithms, 1 on nails, and squares."""
         fine = level.clamp(0, _LEVELS - 1).floor().long()
         share = (level.clamp(0, _LEVELS - 1) - fine)[:, None]
         coarse = (fine + 1).clamp(max=_LEVELS - 1)
@@ -147,13 +147,13 @@ class DetailMaps(NamedTuple):
 
 
 def _by_melanin(light_and_deep: tuple[tuple[float, ...], ...], look: SkinLook) -> tuple[float, ...]:
-    """Between the values of a light and of a deep skin."""
+    """Interpolate between the values of a light and of a deep skin."""
     light, deep = np.array(light_and_deep)
     return tuple(((1 - look.melanin) * light + look.melanin * deep).tolist())
 
 
 def _slopes(maps: SkinMaps, look: SkinLook, texels: float) -> list[np.ndarray]:
-    """[N, N] each: along u and along v of relief, folds and creases, mm a texel of the finest level.
+    """Compute slopes [N, N] along u and v of relief, folds and creases, mm a texel of the finest level.
 
     That level's texel is as wide as `texels` of these.
     """
@@ -162,26 +162,26 @@ def _slopes(maps: SkinMaps, look: SkinLook, texels: float) -> list[np.ndarray]:
 
 
 def _slope(height: np.ndarray, axis: int) -> np.ndarray:
-    """Differences of fourth order: those of second lose a third of waves of four texels, as ridges are."""
+    """Compute differences of fourth order: those of second lose a third of waves of four texels, as ridges are."""
     slope, place = np.gradient(height, axis=axis), np.arange(height.shape[axis])
     before, after = (slope.take(at.clip(0, len(place) - 1), axis) for at in (place - 1, place + 1))
     return slope + (2 * slope - before - after) / 6
 
 
 def _shades(maps: SkinMaps, look: SkinLook) -> list[np.ndarray]:
-    """[N, N] each: pigment, folds, creases."""
+    """Return the shades [N, N] of pigment, folds and creases."""
     pigment = (1 - look.melanin) * maps.pigment_light + look.melanin * maps.pigment_deep
     return [pigment, maps.dorsal * DORSAL_SHADE, maps.palmar * PALMAR_SHADE]
 
 
 def _widened(coarse: np.ndarray, resolution: int) -> np.ndarray:
-    """A map at the finest level's resolution, by interpolation."""
+    """Interpolate a map to the finest level's resolution."""
     values = torch.as_tensor(np.ascontiguousarray(coarse), dtype=torch.float32)[None, None]
     return interpolate(values, size=(resolution, resolution), mode="bilinear")[0, 0].numpy()
 
 
 def _variances(along: list[np.ndarray], resolution: int) -> list[Tensor]:
-    """Level after level: of slopes along u and v, mm a texel of the finest, what images do not show."""
+    """Compute, by level, the variance of slopes along u and v that images do not show, in mm a texel of the finest."""
     u, v = (_levels(slope * (resolution / ATLAS_MM)) for slope in along)
     squares = _levels((u[0] ** 2 + v[0] ** 2)[0, 0].numpy())
     within = [square - a * a - b * b for square, a, b in zip(squares, u, v, strict=True)]
@@ -190,12 +190,12 @@ def _variances(along: list[np.ndarray], resolution: int) -> list[Tensor]:
 
 
 def _halvings(fine: np.ndarray, step: float) -> Tensor:
-    """[T] int8: level after level of a map."""
+    """Store a map level after level: [T] int8."""
     return torch.cat([_in_steps(values, step) for values in _levels(fine)])
 
 
 def _pyramid(fine: np.ndarray, coarse: np.ndarray, step: float) -> Tensor:
-    """[T] int8: level after level. One map at a time, for all together take half a gigabyte."""
+    """Store a map by level, with what rays pass over: [T] int8. One at a time: all together take half a gigabyte."""
     coarse_map = _plane(coarse)
     return torch.cat([_in_steps(_level(kept, coarse_map), step) for kept in _levels(fine)])
 
@@ -209,7 +209,7 @@ def _in_steps(values: Tensor, step: float) -> Tensor:
 
 
 def _level(kept: Float[Tensor, "1 1 m m"], coarse: Float[Tensor, "1 1 n n"]) -> Float[Tensor, "1 1 m m"]:
-    """A level of the pyramid: for images whose pixels are its texels, with what their rays pass over.
+    """Make a level of the pyramid: for images whose pixels are its texels, with what their rays pass over.
 
     Args:
         kept: of the fine map, as wide as the level.
@@ -225,7 +225,7 @@ def _level(kept: Float[Tensor, "1 1 m m"], coarse: Float[Tensor, "1 1 n n"]) -> 
 
 
 def _levels(fine: np.ndarray) -> list[Tensor]:
-    """[1, 1, n, n] each: a map, and each time half as wide."""
+    """Return the levels [1, 1, n, n] of a map, each half as wide as the one before."""
     levels = [_plane(fine)]
     while len(levels) < _LEVELS:
         levels.append(_halved(levels[-1]))
@@ -233,23 +233,23 @@ def _levels(fine: np.ndarray) -> list[Tensor]:
 
 
 def _halved(plane: Float[Tensor, "1 1 N N"]) -> Float[Tensor, "1 1 n n"]:
-    """Half as wide."""
+    """Halve the width."""
     return _means(plane, _HALVING, 2)
 
 
 def _around(plane: Float[Tensor, "1 1 N N"]) -> Float[Tensor, "1 1 N N"]:
-    """Means over each texel and those beside it."""
+    """Average each texel and those beside it."""
     return _means(plane, _BESIDE, 1)
 
 
 def _means(plane: Float[Tensor, "1 1 N N"], weights: tuple[float, ...], step: int) -> Float[Tensor, "1 1 n n"]:
-    """Weighted, from one texel before every `step` on; the values at the border lie around. A convolution is slower."""
+    """Average with weights, from one texel before every `step` on; border values repeat. A convolution is slower."""
     columns = pad(plane, (1, 1, 0, 0), mode="replicate").unfold(-1, len(weights), step) @ plane.new_tensor(weights)
     return pad(columns, (0, 0, 1, 1), mode="replicate").unfold(-2, len(weights), step) @ plane.new_tensor(weights)
 
 
 def _blurred(plane: Float[Tensor, "1 1 N N"], deviation: float) -> Float[Tensor, "1 1 N N"]:
-    """Gaussian blur; 0 lies around the maps."""
+    """Blur with a Gaussian; 0 lies around the maps."""
     reach = int(_BLUR_REACH * deviation + 0.5)
     weight = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / deviation) ** 2)
     weight = weight / weight.sum()

@@ -40,7 +40,7 @@ class SkinFlexion:
     flexion: np.ndarray
 
     def flex(self, theta: np.ndarray) -> np.ndarray:
-        """[V] bend of the skin, 1 at `FULL_FLEX_RAD`, in a pose [16, 3] of the right hand, rad."""
+        """Compute the bend of the skin [V], 1 at `FULL_FLEX_RAD`, in a pose [16, 3] of the right hand, rad."""
         bend = np.clip((theta * self.flexion).sum(1) / FULL_FLEX_RAD, 0, _MOST_FLEX)
         return np.where(self.joint > 0, bend[self.joint], bend[list(_KNUCKLES)].mean() * _PALM_SHARE)
 
@@ -86,13 +86,13 @@ class SurfaceDetail:
 
 
 def load_surface_detail(hand_sha256: str) -> SurfaceDetail | None:
-    """The detail of the base surface of a built-in hand; None: this hand has none."""
+    """Load the detail maps of the base surface of a built-in hand; None: this hand has none."""
     arrays = base_arrays(SURFACE_FILE, FINE_FILE, COARSE_FILE) if has_base(hand_sha256) else None
     return None if arrays is None else skin_detail_of(arrays)
 
 
 def skin_detail_of(arrays: Mapping[str, np.ndarray]) -> SurfaceDetail:
-    """The detail of a surface's arrays (`stored_surface.ARRAYS`)."""
+    """Build the detail maps of a surface's arrays (`stored_surface.ARRAYS`)."""
     return SurfaceDetail(
         fine=_maps(arrays, "fine"),
         coarse=_maps(arrays, "coarse"),

@@ -1,7 +1,7 @@
 """The detail mesh of an avatar: subdivided and displaced, posed after the template's mesh, and what a view shows.
 
-It tells what the field's planes do not resolve and its mesh does not know: the normals of knuckles, tendons and veins
-that a pose raises, and the exact outline.
+It adds what neither the field's planes nor its mesh resolve: the normals of knuckles, tendons and veins that a
+pose raises, and the exact outline.
 """
 
 from __future__ import annotations
@@ -55,23 +55,23 @@ class SubdivisionLevel(NamedTuple):
 
     @classmethod
     def of(cls, step: LoopStep) -> SubdivisionLevel:
-        """The weights of a level."""
+        """Build the weights of a level."""
         order = np.lexsort((step.column, step.row))
         row, start = step.row[order], np.searchsorted(step.row[order], np.arange(step.vertex_count + 1))
         weight = torch.as_tensor(step.value[order], dtype=torch.float32)
         return cls(torch.as_tensor(row), torch.as_tensor(step.column[order]), weight, torch.as_tensor(start))
 
     def to(self, device: torch.device | str) -> SubdivisionLevel:
-        """The same on a device."""
+        """Move the level to a device."""
         return SubdivisionLevel(*(tensor.to(device) for tensor in self))
 
     def first(self, count: int) -> SubdivisionLevel:
-        """The same, for the first of the finer vertices."""
+        """Restrict the level to the first of the finer vertices."""
         entries = int(self.start[count])
         return SubdivisionLevel(*(values[:entries] for values in self[:3]), start=self.start[: count + 1])
 
     def __call__(self, values: Float[Tensor, "V C"]) -> Float[Tensor, "N C"]:
-        """The field at the finer vertices."""
+        """Interpolate the field at the finer vertices."""
         finer = values.new_zeros(len(self.start) - 1, values.shape[1])
         return finer.index_add(0, self.row, self.weight[:, None] * values[self.column])
 
@@ -105,7 +105,7 @@ class DetailTemplate(NamedTuple):
 
     @classmethod
     def of(cls, surface: DetailSurface, model: HandModel, device: torch.device | str = "cpu") -> DetailTemplate:
-        """The template of a hand of either side; the surface is that of the right hand.
+        """Build the template of a hand of either side; the surface is that of the right hand.
 
         Raises:
             LiveHandError: the surface is of a mesh of another size.
@@ -138,7 +138,7 @@ class DetailTemplate(NamedTuple):
         )
 
     def coarser(self) -> DetailTemplate:
-        """The surface in a quarter of its faces, with their corners where they are."""
+        """Return the surface in a quarter of its faces, with their corners unmoved."""
         count, faces = int(self.coarse_faces.max()) + 1, len(self.coarse_faces)
         corner_uv = self.corner_uv.unflatten(0, (4, faces))[:3, :, 0].transpose(0, 1)
         of_middle_faces = self.bones.of_face[3 * faces :]
@@ -153,7 +153,7 @@ class DetailTemplate(NamedTuple):
         )
 
     def rest_vertices(self) -> Float[Tensor, "N 3"]:
-        """At rest, m, in the template's frame."""
+        """Compute the vertices at rest, m, in the template's frame."""
         finer = self.skin.v_template
         for level in self.levels:
             finer = level(finer)
@@ -168,12 +168,12 @@ class LevelsOfDetail(NamedTuple):
 
     @classmethod
     def of(cls, surface: DetailSurface, model: HandModel, device: torch.device | str) -> LevelsOfDetail:
-        """Both templates of a hand of either side."""
+        """Build both templates of a hand of either side."""
         finest = DetailTemplate.of(surface, model, device)
         return cls(finest, finest.coarser())
 
     def visible_in(self, hand: HandInView) -> DetailTemplate:
-        """The coarser one, if none of its edges is longer in the image than a few pixels."""
+        """Choose the coarser template if none of its edges is longer in the image than a few pixels."""
         mesh, topology, camera = hand[:3]
         nearest_m = (mesh.vertices @ camera.world2cam[2, :3] + camera.world2cam[2, 3]).min()
         edge_m = mesh.scale * topology.edge_length_m / 2
@@ -227,10 +227,10 @@ def detail_mesh(
     flex: Float[Tensor, " V"],
     scale: Float[Tensor, ""],
 ) -> DetailMesh:
-    """The surface over a posed mesh.
+    """Compute the detail mesh over a posed mesh.
 
     Linear blend skinning of the finer vertices: a finer vertex's weights, and so its transform, are means of those of
-    the mesh's vertices as its place is.
+    the mesh's vertices as its position is.
 
     Args:
         template: of the mesh's side.
@@ -253,7 +253,7 @@ def detail_mesh(
 def on_surface(hand: HandInView, surface: DetailMesh, depth: Float[Tensor, " P"]) -> HandInView:
     """Return the hand as rays of its field meet it: they end on the avatar's surface, which the field follows.
 
-    A field knows what is within its shell about the mesh, and a fist's knuckles stand out of that. Where the surface is
+    A field is defined within its shell about the mesh, and a fist's knuckles stand out of that. Where the surface is
     far from the mesh, the mesh is moved onto it, and close to it stays: there the field has learnt how skin rises.
 
     Args:
@@ -269,7 +269,7 @@ def on_surface(hand: HandInView, surface: DetailMesh, depth: Float[Tensor, " P"]
 
 
 def motion_of_mesh(template: DetailTemplate, mesh: PosedMesh, frames: LocalFrames) -> SkinMotion:
-    """How a mesh has moved whose pose is not all that moved it: by the rotation of the surface about each vertex.
+    """Recover the motion of a mesh that not only its pose moved: by the rotation of the surface about each vertex.
 
     Args:
         template: of the mesh's side.
@@ -282,7 +282,7 @@ def motion_of_mesh(template: DetailTemplate, mesh: PosedMesh, frames: LocalFrame
 
 
 def visible_surface(mesh: DetailMesh, camera: CameraTensors) -> PixelSurface:
-    """What the camera's pixels show of the mesh."""
+    """Find what the camera's pixels show of the mesh."""
     (width, height), projected = camera.size_px, project(camera, mesh.vertices)
     depth_at, face = first_fronts(mesh, *projected, camera)
     is_seen = face >= 0
@@ -307,13 +307,13 @@ def first_fronts(
     camera: CameraTensors,
     place: tuple[float, float] = (0.5, 0.5),
 ) -> NearestFronts:
-    """The first front faces at a place in each pixel, by default its centre."""
+    """Find the first front faces at a point in each pixel, by default its centre."""
     moved = positions_px + 0.5 - positions_px.new_tensor(place)
     return nearest_fronts(rasterise(moved, depth, mesh.faces, camera.size_px), camera.size_px)
 
 
 def spread(coverage: Float[Tensor, " P"], size_px: tuple[int, int]) -> Float[Tensor, " P"]:
-    """The coverage of pixels' squares as Cycles' filter would have it; the image's rim goes on beyond it."""
+    """Spread the coverage of pixels' squares as Cycles' filter would; the image's rim goes on beyond it."""
     width, height = size_px
     kernel = coverage.new_tensor(SPREAD)
     image = torch.nn.functional.pad(coverage.reshape(1, 1, height, width), (1, 1, 1, 1), mode="replicate")
@@ -321,7 +321,7 @@ def spread(coverage: Float[Tensor, " P"], size_px: tuple[int, int]) -> Float[Ten
 
 
 def _faces_around(faces: Int[Tensor, "M 3"], count: int) -> tuple[Tensor, Tensor]:
-    """As `DetailTemplate.around`."""
+    """Find the faces around vertices, as `DetailTemplate.around`."""
     corners = faces.flatten()
     start = torch.zeros(count + 1, dtype=torch.long, device=faces.device)
     start[1:] = torch.cumsum(torch.bincount(corners, minlength=count), 0)
@@ -331,7 +331,7 @@ def _faces_around(faces: Int[Tensor, "M 3"], count: int) -> tuple[Tensor, Tensor
 def barycentric(
     mesh: DetailMesh, camera: CameraTensors, face: Int[Tensor, " K"], pixel: Int[Tensor, " K"]
 ) -> Float[Tensor, "K 3"]:
-    """Barycentric coordinates, in space, of the points of faces that are seen in pixels' centres.
+    """Compute barycentric coordinates, in space, of the points of faces that are seen in pixels' centres.
 
     In double precision, since a face that is seen from its side is thin in the image.
     """
@@ -346,7 +346,7 @@ def barycentric(
 
 
 def blend_corners(corners: Float[Tensor, "K 3 C"], weights: Float[Tensor, "K 3"]) -> Float[Tensor, "K C"]:
-    """Values at points of faces, from those at corners and barycentric coordinates."""
+    """Interpolate values at points of faces from those at corners by barycentric coordinates."""
     return (corners * weights[..., None]).sum(1)
 
 

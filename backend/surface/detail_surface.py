@@ -41,7 +41,7 @@ class PoseForm:
     height_mm: np.ndarray
 
     def share(self, flexion_deg: Degrees) -> float:
-        """In [0, 1], of the full height."""
+        """Compute the share of the full height, in [0, 1]."""
         bent = min(max((flexion_deg - self.start_deg) / (self.full_deg - self.start_deg), 0.0), 1.0)
         return bent * bent * (3 - 2 * bent)
 
@@ -61,9 +61,9 @@ class PoseDisplacement:
     flexion: np.ndarray
 
     def height_mm(self, theta: np.ndarray, veins_mm: float, forearm: np.ndarray | None = None) -> np.ndarray:
-        """[N] in a pose theta [16, 3] rad of the right hand, with veins of this height; `forearm` as in `HandPose`.
+        """Compute heights [N] of the right hand in a pose theta [16, 3], rad; `forearm` as in `HandPose`.
 
-        Veins are a quarter lower in a flat hand and a quarter higher in a clenched one.
+        Veins of `veins_mm` are a quarter lower in a flat hand and a quarter higher in a clenched one.
         """
         flexion_deg = np.rad2deg((theta * self.flexion).sum(1))
         if forearm is not None:
@@ -103,7 +103,7 @@ class DetailSurface:
 
 
 def surface_arrays(surface: DetailSurface) -> dict[str, np.ndarray]:
-    """The arrays of a file, in whole steps."""
+    """Return the arrays of a file, in whole steps."""
     forms, raised = surface.raised.forms, surface.raised
     return {
         "offset": _steps(surface.offset_m, OFFSET_STEP_M, np.int16),
@@ -116,12 +116,12 @@ def surface_arrays(surface: DetailSurface) -> dict[str, np.ndarray]:
 
 
 def load_detail_surface(hand_sha256: str) -> DetailSurface | None:
-    """The base surface of a built-in hand; None: this hand has none."""
+    """Load the base surface of a built-in hand; None: this hand has none."""
     return fine_surface_of(base_arrays(SURFACE_FILE)) if has_base(hand_sha256) else None
 
 
 def fine_surface_of(arrays: Mapping[str, np.ndarray]) -> DetailSurface:
-    """The surface of a file's arrays (`stored_surface.ARRAYS`)."""
+    """Build the surface of a file's arrays (`stored_surface.ARRAYS`)."""
     heights_mm = arrays["form/height"] * np.float32(HEIGHT_STEP_MM)
     forms = [
         PoseForm(int(joint), float(start), float(full), height)

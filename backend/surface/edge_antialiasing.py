@@ -38,7 +38,7 @@ class SurfaceBones(NamedTuple):
 
     @classmethod
     def of(cls, weights: Float[Tensor, "N B"], faces: Int[Tensor, "M 3"], parents: tuple[int, ...]) -> SurfaceBones:
-        """The bones by skinning weights; the parent of the root is negative."""
+        """Assign faces to bones by skinning weights; the parent of the root is negative."""
         child = torch.arange(len(parents), device=faces.device)
         parent = torch.as_tensor(parents, device=faces.device).clamp(min=0)
         joined = torch.eye(len(parents), dtype=torch.bool, device=faces.device)
@@ -46,12 +46,12 @@ class SurfaceBones(NamedTuple):
         return cls(weights[faces].sum(1).argmax(1).to(torch.int8), ~joined)
 
     def at(self, face: Int[Tensor, "*p"]) -> Int[Tensor, "*p"]:
-        """The bones of faces; -1 for none."""
+        """Look up the bones of faces; -1 for none."""
         return torch.where(face >= 0, self.of_face[face.long().clamp(min=0)], -1).long()
 
 
 class SurfaceFragments(NamedTuple):
-    """What places in an image show of a surface.
+    """What points in an image show of a surface.
 
     Attributes:
         depth: [*p] m; infinite beside it.
@@ -68,7 +68,7 @@ class EdgePixels(NamedTuple):
     Attributes:
         pixel: [S] row * width + column.
         shows_first: [9, S] whether the centres of the 3 x 3 pixels around, the fifth of which is itself, show the first
-            of both parts (the nearer, if their depths tell them apart); undefined beside the surface.
+            of both parts (the nearer, if their depths differ enough); undefined beside the surface.
         share: [S] of that part in what the pixel shows of both.
     """
 
@@ -85,11 +85,11 @@ class EdgePixels(NamedTuple):
         camera: CameraTensors,
         scale: Tensor,
     ) -> EdgePixels:
-        """The edges in an image.
+        """Find the edges in an image.
 
         Args:
             centres: [P] of pixels.
-            samples: [N, P] of N places in each pixel.
+            samples: [N, P] of N points in each pixel.
             bones: of the surface.
             camera: of the image.
             scale: of the surface against the template.
@@ -117,7 +117,7 @@ class EdgePixels(NamedTuple):
 
 
 def _between(depth: Float[Tensor, " P"], camera: CameraTensors, scale: Tensor) -> Float[Tensor, " P"]:
-    """A depth behind the nearer part around a pixel and before the other, m; 0 for one part."""
+    """Find a depth behind the nearer part around a pixel and before the other, m; 0 for one part."""
     width, height = camera.size_px
     image = depth.reshape(1, 1, height, width)
     low = -max_pool2d(-image, 3, 1, 1).flatten()
@@ -127,7 +127,7 @@ def _between(depth: Float[Tensor, " P"], camera: CameraTensors, scale: Tensor) -
 
 
 def _first_part(bone: Int[Tensor, " P"], apart: Bool[Tensor, "B B"], camera: CameraTensors) -> Int[Tensor, " P"]:
-    """The lower of a pixel's bone and the first one around that is of another part; -1 for one part or none."""
+    """Find the lower of a pixel's bone and the first around it that is of another part; -1 for one part or none."""
     others = bone[_around(torch.arange(len(bone), device=bone.device), camera.size_px)]
     is_other = apart[bone.clamp(min=0), others.clamp(min=0)] & (others >= 0) & (bone >= 0)
     other = others.gather(0, is_other.int().argmax(0, keepdim=True))[0]
@@ -135,7 +135,7 @@ def _first_part(bone: Int[Tensor, " P"], apart: Bool[Tensor, "B B"], camera: Cam
 
 
 def _around(pixel: Int[Tensor, " S"], size_px: tuple[int, int]) -> Int[Tensor, "9 S"]:
-    """The 3 x 3 pixels around each, within the image; the fifth is itself."""
+    """Find the 3 x 3 pixels around each, within the image; the fifth is itself."""
     width, height = size_px
     x, y = pixel % width, torch.div(pixel, width, rounding_mode="floor")
     offsets = (-1, 0, 1)
@@ -150,7 +150,7 @@ def blended(
     depth: Float[Tensor, "H W"],
     edges: EdgePixels,
 ) -> Float[Tensor, "3 H W"]:
-    """The image with both parts in the pixels that show them.
+    """Blend both parts in the pixels that show them.
 
     A pixel has its own colour of the part in its centre, and the mean of its neighbours' of the other.
 
@@ -175,7 +175,7 @@ def blended(
 
 
 def _part(straight: Float[Tensor, "3 9 S"], is_of_it: Tensor) -> tuple[Float[Tensor, "3 S"], Tensor]:
-    """The colour of a part in pixels, their own or the mean around them, and where it is known."""
+    """Find the colour of a part in pixels, their own or the mean around them, and where it is defined."""
     weight = is_of_it.to(straight.dtype)
     mean = (straight * weight).sum(1) / weight.sum(0).clamp(min=1)
     return torch.where(is_of_it[_ITSELF], straight[:, _ITSELF], mean), is_of_it.any(0)

@@ -61,7 +61,7 @@ class Hairs(NamedTuple):
     radius_m: np.ndarray
 
     def first(self, share: float) -> Hairs:
-        """A share of the hairs, evenly spread."""
+        """Keep a share of the hairs, evenly spread."""
         count = round(share * len(self.corners))
         return Hairs(*(values[:count] for values in self))
 
@@ -106,7 +106,7 @@ def grown_hairs(skin: HairGround, growth: HairGrowth) -> Hairs:
 
 
 def _hairs_on(skin: HairGround, face: np.ndarray, region: HairRegion, random: np.random.Generator) -> Hairs:
-    """Hairs of a region on these faces, one on each."""
+    """Grow the hairs of a region on these faces, one on each."""
     count = len(face)
     u, v = np.sort(random.random((2, count)), 0)
     weights = np.stack([u, v - u, 1 - v], 1)

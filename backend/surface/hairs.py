@@ -61,7 +61,7 @@ class PosedHairs(NamedTuple):
 
     @classmethod
     def of(cls, hairs: Hairs, mesh: DetailMesh, albedo: tuple[float, ...]) -> PosedHairs:
-        """The hairs on a posed surface."""
+        """Pose the hairs on a surface."""
 
         def own(values: np.ndarray) -> Tensor:
             return torch.as_tensor(values).to(mesh.vertices)
@@ -88,7 +88,7 @@ class VisibleHairs(NamedTuple):
         pixel: [F, 4] around it, row * W + column.
         area: [F, 4] that it covers of them, pixels.
         tangent, normal, view: [G, 3] unit, world: of the hair, of the skin at its root, and from the camera.
-        ray: [G] from whose place the light is taken.
+        ray: [G] from whose point the light is taken.
         albedo: [3].
         depth: [H, W] m, of the skin or of hairs beside it.
     """
@@ -105,7 +105,7 @@ class VisibleHairs(NamedTuple):
 
 
 def hair_albedo(melanin: float) -> tuple[float, ...]:
-    """Of a person's hairs, by the skin's melanin."""
+    """Return the albedo of a person's hairs, by the skin's melanin."""
     light, deep = np.array(ALBEDO)
     return tuple((light + min(melanin, 1.0) * (deep - light)).tolist())
 
@@ -113,7 +113,7 @@ def hair_albedo(melanin: float) -> tuple[float, ...]:
 def visible_hairs(
     hairs: PosedHairs, camera: CameraTensors, depth: Float[Tensor, "H W"], ray_pixel: Int[Tensor, " R"]
 ) -> VisibleHairs:
-    """What an image shows of hairs.
+    """Find what an image shows of hairs.
 
     Args:
         hairs: posed.
@@ -155,7 +155,7 @@ def with_hairs(
     seen: VisibleHairs,
     features: LightFeatures,
 ) -> tuple[Float[Tensor, "3 H W"], Float[Tensor, "H W"]]:
-    """Colours and alpha with hairs over them.
+    """Composite the hairs over colours and alpha.
 
     Args:
         colours: premultiplied.
@@ -182,7 +182,7 @@ def hair_colours(
     view: Float[Tensor, "G 3"],
     albedo: Float[Tensor, 3],
 ) -> Float[Tensor, "G 3"]:
-    """Scene-linear colours of pieces of hair.
+    """Compute the scene-linear colours of pieces of hair.
 
     Args:
         features: of the light at each.
@@ -205,7 +205,7 @@ def hair_colours(
 
 
 def _mirrored(sine_in: Float[Tensor, "G L"], sine_out: Float[Tensor, "G 1"]) -> Float[Tensor, "G L"]:
-    """What the cone of mirrored light is of irradiance / pi; of all angles around the hair."""
+    """Compute the share of irradiance / pi in the cone of mirrored light, over all angles around the hair."""
     angle_in, angle_out = (torch.asin(sine.clamp(-1, 1)) for sine in (sine_in, sine_out))
     half, difference = (angle_in + angle_out) / 2, (angle_in - angle_out) / 2
     cone = torch.exp(-0.5 * (half / MIRRORED_RAD) ** 2) / (2 * MIRRORED_RAD * (2 * pi) ** 0.5)
@@ -213,7 +213,7 @@ def _mirrored(sine_in: Float[Tensor, "G L"], sine_out: Float[Tensor, "G 1"]) -> 
 
 
 class _DrawnPoints(NamedTuple):
-    """F points on pieces of hairs: which piece [F], place [F, 2] and area [F], pixels, and depth [F], m."""
+    """F points on pieces of hairs: which piece [F], position [F, 2] and area [F], pixels, and depth [F], m."""
 
     piece: Tensor
     place_px: Tensor
@@ -222,7 +222,7 @@ class _DrawnPoints(NamedTuple):
 
 
 def _drawn(points: Float[Tensor, "N S 3"], radius_m: Float[Tensor, " N"], camera: CameraTensors) -> _DrawnPoints:
-    """Points on hairs, as close as `STEP_PX`, with the area that the hair around each covers."""
+    """Draw points on hairs, as close as `STEP_PX`, with the area that the hair around each covers."""
     hairs, ends = points.shape[:2]
     place_px, depth = project(camera, points)
     way_px = place_px.diff(dim=1)
@@ -241,7 +241,7 @@ def _drawn(points: Float[Tensor, "N S 3"], radius_m: Float[Tensor, " N"], camera
 def _at_points(
     image: Shaped[Tensor, " P"], place_px: Float[Tensor, "*n 2"], size_px: tuple[int, int], besides: int | float
 ) -> Shaped[Tensor, "*n"]:
-    """The pixel of an image in which each place lies."""
+    """Read an image in the pixel in which each point lies."""
     column, row = place_px.nan_to_num(-1.0).floor().long().unbind(-1)
     is_inside = (column >= 0) & (column < size_px[0]) & (row >= 0) & (row < size_px[1])
     at = (row * size_px[0] + column).clamp(0, size_px[0] * size_px[1] - 1)
@@ -251,7 +251,7 @@ def _at_points(
 def _around(
     place_px: Float[Tensor, "F 2"], size_px: tuple[int, int]
 ) -> tuple[Int[Tensor, "F 4"], Float[Tensor, "F 4"]]:
-    """The four pixels around each place, and their bilinear weights; 0 beside the image."""
+    """Find the four pixels around each point, and their bilinear weights; 0 beside the image."""
     first = (place_px - 0.5).floor()
     right, below = (place_px - 0.5 - first).unbind(-1)
     column, row = first.long().unbind(-1)

@@ -1,4 +1,4 @@
-"""Rays that meet an avatar's surface where the field is clear: they have the colours of the skin around.
+"""Rays that meet an avatar's surface where the field is transparent: they have the colours of the skin around.
 
 There the surface stands out of the rays' shell, or parts of the hand are so near that a ray stops in neither. Their
 colours would be divided by next to nothing, and super-resolution would see a hole.
@@ -26,7 +26,7 @@ _LEAST_OPACITY, _LEAST_WEIGHT = 0.02, 1e-6
 
 
 def add_missing_rays(rays: RenderedRays, hits: RayHits) -> tuple[RenderedRays, RayHits]:
-    """The rays and, all clear, one in every other pixel where the surface is; and where each meets it.
+    """Add a fully transparent ray in every other pixel of the surface; return all rays, and where each meets it.
 
     Args:
         rays: that meet the shell.
@@ -50,7 +50,7 @@ def add_missing_rays(rays: RenderedRays, hits: RayHits) -> tuple[RenderedRays, R
 def inpaint(
     low: Composite, pixel: Int[Tensor, " R"], size_px: tuple[int, int], hits: RayHits, edge_m: Float[Tensor, ""]
 ) -> Composite:
-    """The rays, with channels and opacity of the skin around, at its depth, where they are clear.
+    """Fill the rays that are all but transparent with channels and opacity of the skin around, at its depth.
 
     Args:
         low: decoded; its channels are premultiplied by opacity.
@@ -86,7 +86,7 @@ def inpaint(
 def drop_outliers(
     points: SurfacePoints, alpha: Float[Tensor, " R"], hits: RayHits, edge_m: Float[Tensor, ""]
 ) -> SurfacePoints:
-    """The points, but those of clear rays that miss the surface far behind it, so that no pixel of it has their light.
+    """Move transparent rays' points that miss the surface far behind it, so that no pixel of it has their light.
 
     Their normals are divided by next to nothing: beside outlines, pixels would be bright or dark by chance.
 
@@ -102,7 +102,7 @@ def drop_outliers(
 
 
 def _around(pixel: Int[Tensor, " R"], size_px: tuple[int, int], rays: Int[Tensor, " K"]) -> Int[Tensor, "S K"]:
-    """The rays on rings around some of them; -1 for none."""
+    """Find the rays on rings around some of them; -1 for none."""
     width, height = size_px
     angles = [2 * pi * k / _DIRECTIONS for k in range(_DIRECTIONS)]
     offsets = [(round(r * cos(angle)), round(r * sin(angle))) for r in _RINGS_PX for angle in angles]

@@ -27,7 +27,7 @@ class RayHits(NamedTuple):
     normal: Tensor
 
     def is_of_other_part(self, depth: Float[Tensor, " R"], edge_m: Float[Tensor, ""]) -> Bool[Tensor, " R"]:
-        """Whether a surface at this depth is another part of the hand than the one that the rays meet.
+        """Return whether a surface at this depth is another part of the hand than the one that the rays meet.
 
         A mesh of few faces ends beside the detail surface, and there shows what lies behind or beside it.
 
@@ -40,7 +40,7 @@ class RayHits(NamedTuple):
     def positions(
         self, camera: CameraTensors, directions: Float[Tensor, "R 3"], beside: Float[Tensor, "R 3"]
     ) -> Float[Tensor, "R 3"]:
-        """Where the rays meet the surface, m, world.
+        """Compute where the rays meet the surface, m, world.
 
         Args:
             camera: of the rays.
@@ -52,7 +52,7 @@ class RayHits(NamedTuple):
 
 
 def ray_hits(mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:
-    """Where rays through the centres of pixels first meet the front of a posed surface."""
+    """Find where rays through the centres of pixels first meet the front of a posed surface."""
     fronts = first_fronts(mesh, *project(camera, mesh.vertices), camera)
     meets = (fronts.face[pixel] >= 0).nonzero()[:, 0]
     face = fronts.face[pixel[meets]].long()

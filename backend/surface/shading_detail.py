@@ -1,7 +1,7 @@
 """The avatar's surface on an image: outline and normals of its detail mesh, with its detail (bump mapping, Blinn 1978).
 
-The rays of a relightable field tell colour, normal and opacity at half the image's size and to the resolution of its
-planes and mesh. Where the surface itself is known (`detail_mesh`), it tells the full-size image's coverage and the
+The rays of a relightable field give colour, normal and opacity at half the image's size and to the resolution of its
+planes and mesh. Where they meet the avatar's surface (`detail_mesh`), it gives the full-size image's coverage and the
 normals in which lamps and gloss are evaluated; folds, lines and the rims of nails (`detail_maps_file`) bend these and
 darken coefficients, by maps of images' own size (`detail_maps`). Light that is scattered far in the skin shows less of
 them, so diffuse light has normals of its own (hybrid normals, Ma et al. 2007). Nails shine in the narrower lobe alone:
@@ -40,7 +40,7 @@ _TINY = 1e-12
 
 
 class DetailPixels(NamedTuple):
-    """What an avatar's surface tells of a lit image of P pixels, K of which see it in their centre.
+    """What an avatar's surface gives to a lit image of P pixels, K of which see it in their centre.
 
     Attributes:
         coverage: [P] share of each pixel that shows the hand.
@@ -67,7 +67,7 @@ class DetailPixels(NamedTuple):
 def detailed_image(
     image: ShadingInputs, seen: PixelSurface, mesh: DetailMesh, camera: CameraTensors, maps: DetailMaps
 ) -> ShadingInputs:
-    """The image with the avatar's surface.
+    """Replace the image's skin by the avatar's surface.
 
     Args:
         image: of the hand, at full size.
@@ -87,7 +87,7 @@ def detail_pixels(
     camera: CameraTensors,
     maps: DetailMaps,
 ) -> DetailPixels:
-    """What these pixels show; `view` as in `ShadingInputs`, others as in `detailed_image`."""
+    """Compute what these pixels show; `view` as in `ShadingInputs`, others as in `detailed_image`."""
     row = (seen.face[pixel] >= 0).nonzero()[:, 0]
     face, depth = seen.face[pixel[row]].long(), seen.depth[pixel[row]]
     corners, weights = mesh.faces[face], barycentric(mesh, camera, face, pixel[row])
@@ -126,7 +126,7 @@ def detail_pixels(
 
 
 def with_detail(image: ShadingInputs, skin: DetailPixels) -> ShadingInputs:
-    """The image with this skin, with gradients to its colours; normals beside the surface stay.
+    """Write this skin into the image, with gradients to its colours; normals beside the surface stay.
 
     Its gloss is known as its shape is: all of the broad lobe on skin, all of the tight one on nails.
     """
@@ -148,7 +148,7 @@ def with_detail(image: ShadingInputs, skin: DetailPixels) -> ShadingInputs:
 
 
 def _gradients(corners: Float[Tensor, "K 3 3"], uv: Float[Tensor, "K 3 2"]) -> Float[Tensor, "K 2 3"]:
-    """Gradients of the atlas coordinates u and v on faces, 1/m, world."""
+    """Compute the gradients of the atlas coordinates u and v on faces, 1/m, world."""
     (a, b, c), (uv_a, uv_b, uv_c) = corners.unbind(1), uv.unbind(1)
     ab, ac = b - a, c - a
     normal = torch.linalg.cross(ab, ac)
@@ -165,7 +165,7 @@ def _sampled(
     pixel_m: Float[Tensor, " K"],
     scale: Tensor,
 ) -> Float[Tensor, "K 12"]:
-    """The mean over what pixels show of faces, which are `pixel_m` wide where they are seen straight on."""
+    """Sample the mean over what pixels show of faces; pixels are `pixel_m` wide where faces are seen straight on."""
     normal = normalize(torch.linalg.cross(gradients[:, 0], gradients[:, 1]), dim=-1)
     facing = (normal * view).sum(-1, keepdim=True)
     cosine = facing[:, 0].abs().clamp(min=LEAST_COSINE)

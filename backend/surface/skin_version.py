@@ -11,12 +11,12 @@ SKIN_VERSION = "skin_version"
 
 
 def skin_version() -> str:
-    """The start of the sha256 of the base surface's files, but for hair, which captures do not show."""
+    """Return the start of the sha256 of the base surface's files, but for hair, which captures do not show."""
     return files_sha256((SURFACE_FILE, FINE_FILE, COARSE_FILE))[:12]
 
 
 def is_current_skin(capture: Any) -> bool | None:
-    """Whether a capture, by its provenance, shows the skin that this software has; None: it does not tell."""
+    """Return whether a capture shows the skin that this software has, by its provenance; None: it does not say."""
     if not isinstance(capture, dict) or SKIN_VERSION not in capture:
         return None
     return capture[SKIN_VERSION] == skin_version()

@@ -80,13 +80,13 @@ class StoredSurface:
     hair: Mapping[str, HairRegion]
 
     def description(self) -> dict[str, Any]:
-        """Everything but the arrays, as the header of a file holds it."""
+        """Return everything but the arrays, as the header of a file holds it."""
         regions = [{"name": name, **region._asdict()} for name, region in self.hair.items()]
         return {"hand_sha256": self.hand_sha256, "base": self.base, "person": asdict(self.person), "hair": regions}
 
 
 def stored_surface(description: object, arrays: Mapping[str, np.ndarray], source: str) -> StoredSurface:
-    """The surface of a file, checked.
+    """Build the surface of a file, checked.
 
     Args:
         description: as `StoredSurface.description` makes it.

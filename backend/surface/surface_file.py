@@ -53,7 +53,7 @@ def read_surface(path: Path, sha256: str | None = None) -> StoredSurface:
 
 
 def surface_sha256(surface: StoredSurface) -> str:
-    """Identity of a surface, however its file is packed."""
+    """Compute the identity of a surface, however its file is packed."""
     digest = hashlib.sha256(json.dumps(surface.description(), sort_keys=True).encode())
     for name, values in sorted(surface.arrays.items()):
         digest.update(f"{name} {values.dtype} {list(values.shape)}".encode())

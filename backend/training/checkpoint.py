@@ -48,7 +48,7 @@ class TrainState:
     optimiser: torch.optim.Optimizer
 
     def tensors(self) -> dict[str, Tensor]:
-        """All tensors of the state, by name, on the CPU."""
+        """Return all tensors of the state, by name, on the CPU."""
         named = {f"part.{key}": value for key, value in self.parts.state_dict().items()}
         named |= {f"average.{key}": value for key, value in self.average.state_dict().items()}
         for index, state in self.optimiser.state_dict()["state"].items():
@@ -67,7 +67,7 @@ class TrainState:
 
 
 def checkpoint_path(avatar_path: Path) -> Path:
-    """Path of the checkpoint of an avatar."""
+    """Return the path of the checkpoint of an avatar."""
     return avatar_path.with_suffix(".checkpoint")
 
 

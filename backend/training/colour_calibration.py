@@ -3,8 +3,8 @@
 They are trained with the avatar and applied to its renderings, at both resolutions, before the loss. They act on the
 hand alone: colour is premultiplied, so the bias is multiplied by alpha, and the empty background stays black.
 
-One camera is fixed, because a tint common to all cameras cannot be told from the colour of the hand. The avatar has the
-colours that this camera sees, unless other cameras are chosen (`ColourCalibration.with_colours_of`).
+One camera is fixed, because a tint common to all cameras cannot be separated from the colour of the hand. The avatar
+has the colours that this camera sees, unless other cameras are chosen (`ColourCalibration.with_colours_of`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LEARNING_RATE = 5e-4
 
 
 def training_cameras(capture: Capture) -> list[int]:
-    """The cameras of the capture's training images, in ascending order; the first is held fixed."""
+    """List the cameras of the capture's training images, in ascending order; the first is held fixed."""
     return sorted({view.camera_index for view in capture.of_split("train")})
 
 
@@ -47,12 +47,12 @@ class ColourCalibration(nn.Module):
         self.register_buffer("is_free", is_free)
 
     def forward(self, rgba: Float[Tensor, "4 H W"], camera: int) -> Float[Tensor, "4 H W"]:
-        """A premultiplied image in the colours of a camera."""
+        """Convert a premultiplied image to the colours of a camera."""
         gain, bias = (values[:, None, None] for values in self.of_cameras([camera]))
         return torch.cat([gain * rgba[:3] + bias * rgba[3:], rgba[3:]])
 
     def of_cameras(self, cameras: Sequence[int]) -> tuple[Float[Tensor, 3], Float[Tensor, 3]]:
-        """Mean gain and bias of the given cameras.
+        """Average gain and bias of the given cameras.
 
         Raises:
             LiveHandError: there is no such camera.
@@ -65,7 +65,7 @@ class ColourCalibration(nn.Module):
 
     @torch.no_grad()
     def with_colours_of(self, avatar: Avatar, cameras: Sequence[int]) -> Avatar:
-        """The avatar with the mean gain and bias of these cameras built in."""
+        """Build the mean gain and bias of these cameras into the avatar."""
         gain, bias = (tuple(values.tolist()) for values in self.of_cameras(cameras))
         config = replace(avatar.config.superres, gain=gain, bias=bias)
         superres = build_superres(config)
@@ -74,7 +74,7 @@ class ColourCalibration(nn.Module):
 
 
 def camera_colours(capture: Capture, avatar_cameras: Sequence[int]) -> Correction:
-    """A gain and a bias per camera; the avatar gets the colours of `avatar_cameras` or, if empty, of the fixed camera.
+    """Make gains and biases per camera; the avatar gets those of `avatar_cameras` or, if empty, of the fixed camera.
 
     Raises:
         LiveHandError: there is no such camera.

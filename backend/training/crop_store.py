@@ -61,7 +61,7 @@ class CropStore:
         return self._waited_s
 
     def get(self, index: int) -> np.ndarray:
-        """[height, width, 4] of crop `index`; read-only for the caller.
+        """Return crop `index` [height, width, 4]; read-only for the caller.
 
         Raises:
             whatever `decode` raises.
@@ -131,7 +131,7 @@ class _CropBuffer:
 
 
 def _allocated(size: int, folder: Path, budget_bytes: int, disk_share: float) -> np.ndarray:
-    """Bytes for all crops or, if there is no room, as many as the budget allows."""
+    """Allocate bytes for all crops or, if there is no room, as many as the budget allows."""
     if size > budget_bytes and size < disk_share * shutil.disk_usage(folder).free:
         try:
             with tempfile.TemporaryFile(dir=folder) as file:

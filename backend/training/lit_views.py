@@ -84,7 +84,7 @@ class MixedLight(NamedTuple):
     surface: SurfacePixels | None
 
     def encoded(self, linear: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
-        """Exposed and sRGB-encoded; values over 1 continue the curve."""
+        """Expose and sRGB-encode; values over 1 continue the curve."""
         return linear_to_srgb((linear * self.exposure).clamp(min=0))
 
 
@@ -120,16 +120,16 @@ class LitTrainingViews(TrainingViews):
         self._hand_poses = list(capture.poses)
 
     def get(self, index: int, jitter: int) -> TrainingView:
-        """Instant `index` with its `jitter`-th set of samples, and its light before it is mixed."""
+        """Return instant `index` with its `jitter`-th set of samples, and its light before it is mixed."""
         view = super().get(index, jitter)
         return view._replace(light=self._light(index, view))
 
     def _visibility(self, mesh: PosedMesh) -> Tensor:
-        """None: shadows come with the light."""
+        """Return None: shadows come with the light."""
         return mesh.vertices.new_zeros(len(mesh.vertices), 0)
 
     def _target(self, index: int) -> Float[Tensor, "4 H W"]:
-        """Alpha alone: colours depend on how the light is mixed."""
+        """Return alpha alone: colours depend on how the light is mixed."""
         return self._linear(index)[0]
 
     def _linear(self, index: int) -> Float[Tensor, "G 4 H W"]:
@@ -174,7 +174,7 @@ class LitTrainingViews(TrainingViews):
         return None if skin is None else SurfacePoser(skin, self.hand, self.device, self.backend)
 
     def _met_hand(self, index: int, mesh: PosedMesh, camera: CameraTensors) -> HandInView:
-        """The same, where the avatar has a surface."""
+        """Return the hand as rays meet it, on the avatar's surface if it has one."""
         hand = super()._met_hand(index, mesh, camera)
         return hand if self._surface is None else self._surface.in_view(self._pose(index), hand).met(hand)
 
@@ -182,7 +182,7 @@ class LitTrainingViews(TrainingViews):
         return self._hand_poses[self.views[index].pose_index]
 
     def _surface_in(self, index: int, view: TrainingView) -> SurfacePixels | None:
-        """What an instant shows of the avatar's surface, computed once and kept in half precision."""
+        """Return what an instant shows of the avatar's surface, computed once and kept in half precision."""
         if self._surface is None:
             return None
         if index not in self._kept_surface:
@@ -192,7 +192,7 @@ class LitTrainingViews(TrainingViews):
         return self._kept_surface[index].whole()
 
     def _visibility_in(self, index: int, met: PrimaryHits, light: Light, groups: LightGroups) -> LightVisibility:
-        """What reaches the points of an instant, computed once and kept in a byte each."""
+        """Return the visibility at the points of an instant, computed once and kept in a byte each."""
         samples = groups.together()
         if index not in self._kept_light:
             sky_visibility = sky_shadows(self.backend, met.hand, NO_OCCLUDERS.to(self.device), met.position)
@@ -212,14 +212,14 @@ class LitTrainingViews(TrainingViews):
         return self._kept_light[index].unpacked(samples)
 
     def _casters(self, index: int, met: PrimaryHits) -> LampShadowCasters | None:
-        """The skins that cast lamps' shadows, of the avatar's surface; None: it has none, the mesh casts them."""
+        """Choose the skins of the avatar's surface that cast lamps' shadows; None: it has none, the mesh casts them."""
         if self._surface is None:
             return None
         mesh = self._surface.mesh(self._pose(index), met.hand.mesh, self.topology.frames)
         return met.on_surface(mesh).shadow_casters(is_finest=True)
 
     def move_pose(self, pose_index: int, theta: Tensor, vertices: Tensor) -> None:
-        """As in `TrainingViews`; shadows and surface are computed again, too."""
+        """Replace a pose as `TrainingViews` does; shadows and surface are computed again, too."""
         super().move_pose(pose_index, theta, vertices)
         self._hand_poses[pose_index] = replace(self._hand_poses[pose_index], theta=theta.detach().cpu().numpy())
         for index, view in enumerate(self.views):
@@ -229,7 +229,7 @@ class LitTrainingViews(TrainingViews):
 
 
 def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
-    """The view in one mixture of its light groups, drawn from the generator; its target becomes that mixture."""
+    """Mix the view's light groups with weights drawn from the generator; its target becomes that mixture."""
     light = view.light
     weights = group_weights(len(light.targets), generator).to(light.targets.device)
     linear = torch.einsum("gchw,gc->chw", light.targets, weights)
@@ -241,7 +241,7 @@ def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
 
 
 def group_weights(count: int, generator: torch.Generator) -> Float[Tensor, "G 3"]:
-    """Random weights of light groups; one at least is not zero."""
+    """Draw random weights of light groups; one at least is not zero."""
     gain = torch.exp(_GAIN_SPREAD * torch.randn(count, 1, generator=generator))
     colour = torch.exp(_COLOUR_SPREAD * torch.randn(count, 3, generator=generator))
     stays = torch.rand(count, generator=generator) >= _LEFT_OUT
@@ -252,7 +252,7 @@ def group_weights(count: int, generator: torch.Generator) -> Float[Tensor, "G 3"
 def exposure_of(
     linear: Float[Tensor, "3 H W"], alpha: Float[Tensor, "H W"], darkest: Float[Tensor, ""]
 ) -> Float[Tensor, ""]:
-    """As `evaluation.exposure.exposure_gain`, of tensors; what is darker than `darkest` is exposed as that would be."""
+    """Compute `evaluation.exposure.exposure_gain` of tensors; what is darker than `darkest` is exposed as that is."""
     values = linear[:, alpha > 0.5].flatten()
     if not len(values):
         return linear.new_ones(())
@@ -261,7 +261,7 @@ def exposure_of(
 
 
 def _instants(views: Iterable[CaptureView]) -> list[tuple[CaptureView, ...]]:
-    """The views by pose and camera."""
+    """Group the views by pose and camera."""
 
     def instant(view: CaptureView) -> tuple[int, int]:
         return view.pose_index, view.camera_index

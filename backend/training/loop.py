@@ -104,12 +104,12 @@ class Training:
         self._progress = Progress(self._progress.step + 1, seconds, skipped)
 
     def _current_avatar(self) -> Avatar:
-        """The avatar so far with its provenance, which tells a renderer whose skin it shows."""
+        """Return the avatar so far with its provenance, by which a renderer knows whose skin it shows."""
         provenance = provenance_of(self._setup, self._config, self._compute.precision, self._progress)
         return replace(self._average.module.with_networks(self._avatar), provenance=provenance)
 
     def _finished_avatar(self) -> Avatar:
-        """The avatar, saved by the first process."""
+        """Return the avatar, saved by the first process."""
         avatar = self._current_avatar()
         if self._compute.processes.is_first:
             for correction in self._setup.corrections:
@@ -133,14 +133,14 @@ class Training:
         return load_checkpoint(path, self._state, self._identity) if path.is_file() else Progress()
 
     def _report(self, config: ReportConfig) -> TrainingReport:
-        """The report of this session, which only the first process writes."""
+        """Make the report of this session, which only the first process writes."""
         output = self._output if self._compute.processes.is_first else None
         preview = HeldOutPreview(self._setup.capture, self._setup.hand, self._compute.device, config.preview_views)
         return TrainingReport(config, self._schedule, self._clock, preview, output, self._progress.step)
 
 
 def _training_views(setup: TrainingSetup, config: TrainConfig, compute: ComputeSetup) -> TrainingViews:
-    """The training images that show the hand."""
+    """List the training images that show the hand."""
     count = compute.processes.count
     if config.batch % count:
         raise LiveHandError(

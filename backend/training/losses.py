@@ -51,7 +51,7 @@ def crop_loss(
     perceptual_factor: float = 1.0,
     generator: torch.Generator | None = None,
 ) -> LossTerms:
-    """The training loss of one crop.
+    """Compute the training loss of one crop.
 
     Args:
         low: RGBA before super-resolution.
@@ -93,7 +93,7 @@ def _cut(
     config: LossConfig,
     generator: torch.Generator | None,
 ) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
-    """The same patch of images at both resolutions."""
+    """Cut the same patch out of images at both resolutions."""
     side_px = config.perceptual_patch_px
     row, column = patch_corner(alpha, side_px, generator)
     large = slice(row, row + side_px), slice(column, column + side_px)
@@ -102,7 +102,7 @@ def _cut(
 
 
 def patch_corner(alpha: Float[Tensor, "H W"], side_px: int, generator: torch.Generator | None) -> tuple[int, int]:
-    """Upper left corner (row, column), both even, of a patch around a random pixel of the hand (alpha > 0.5).
+    """Draw the upper left corner (row, column), both even, of a patch around a random pixel of the hand (alpha > 0.5).
 
     If no pixel shows the hand, the patch is drawn from the whole crop. `generator` is on the CPU.
     """
@@ -120,7 +120,7 @@ def patch_corner(alpha: Float[Tensor, "H W"], side_px: int, generator: torch.Gen
 def load_perceptual_distance(
     path: Path | None, heads: Path | None = None, range_mode: RangeMode = "standard"
 ) -> PerceptualDistance:
-    """VGG19's feature distance or, if the file of its linear heads is given, LPIPS as in the paper.
+    """Load VGG19's feature distance or, if the file of its linear heads is given, LPIPS as in the paper.
 
     Raises:
         LiveHandError: weights are missing, or belong to another network.

@@ -92,7 +92,7 @@ class TensorBoardLog(MetricWriter):
 
 
 def _step_of(line: str) -> float:
-    """The step of a line; infinity if the line is incomplete."""
+    """Read the step of a line; infinity if the line is incomplete."""
     try:
         return float(json.loads(line)["step"])
     except (ValueError, KeyError, TypeError):

@@ -63,7 +63,7 @@ class TrainedParts(nn.Module):
         self.corrections = nn.ModuleDict({correction.name: correction.module for correction in corrections})
 
     def with_networks(self, avatar: Avatar) -> Avatar:
-        """The avatar with these networks."""
+        """Return the avatar with these networks."""
         radiance_field, superres = self.networks
         return replace(avatar, field=radiance_field, superres=superres)
 
@@ -95,7 +95,7 @@ class WeightAverage(Generic[Module]):
 def optimiser_of(
     parts: TrainedParts, config: TrainConfig, corrections: Sequence[Correction] = ()
 ) -> torch.optim.Optimizer:
-    """Adam; `initial_lr` of each parameter group is its full learning rate."""
+    """Make the Adam optimiser; `initial_lr` of each parameter group is its full learning rate."""
     planes = [module.table for module in parts.networks.modules() if isinstance(module, FeaturePlane)]
     is_plane = {id(table) for table in planes}
     others = [parameter for parameter in parts.networks.parameters() if id(parameter) not in is_plane]

@@ -41,7 +41,7 @@ class PoseFitConfig:
 def fit_poses(
     avatar: Avatar, capture: Capture, split: Split, hand: HandModel, config: PoseFitConfig, device: torch.device
 ) -> Capture:
-    """The capture with the poses of one split fitted to its images; the avatar is not changed.
+    """Fit the poses of one split of the capture to its images; the avatar is not changed.
 
     Scores on the same images no longer include the errors of the poses, which a report must state. Poses fitted to the
     images of `novel_pose` may be scored on those of `test`, which show the same poses from other cameras.

@@ -24,7 +24,7 @@ class PoseError(NamedTuple):
 
 
 def with_noise(capture: Capture, theta_deg: float, transl_mm: float, seed: int) -> Capture:
-    """The capture with Gaussian errors added to its training poses; held-out poses are not changed.
+    """Add Gaussian errors to the capture's training poses; held-out poses are not changed.
 
     Args:
         capture: with true poses.
@@ -44,7 +44,7 @@ def with_noise(capture: Capture, theta_deg: float, transl_mm: float, seed: int) 
 def pose_error(
     poses: tuple[HandPose, ...], truth: tuple[HandPose, ...], indices: Iterable[int], hand: HandModel
 ) -> PoseError:
-    """Distance of the poses of these indices from the true ones, without the error that all of them share.
+    """Measure how far the poses of these indices are from the true ones, without the error that all of them share.
 
     The mean error of angles and translations is removed: training compensates it in the avatar's networks, and
     `Refinement` does not correct it.
@@ -69,5 +69,5 @@ def _moved(pose: HandPose, angle_rad: float, distance_m: float, random: np.rando
 
 
 def _rms(vectors: np.ndarray) -> float:
-    """Root mean square length of vectors."""
+    """Compute the root mean square length of vectors."""
     return float(np.sqrt((vectors**2).sum(-1).mean()))

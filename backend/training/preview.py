@@ -79,7 +79,7 @@ class HeldOutPreview:
 
 
 def _spread_order(count: int) -> list[int]:
-    """The indices below `count` in an order whose first k are spread evenly, for any k (golden ratio sequence)."""
+    """Order the indices below `count` so that the first k are spread evenly, for any k (golden ratio sequence)."""
     return np.argsort(np.arange(count) * 0.6180339887498949 % 1, kind="stable").tolist()
 
 

@@ -41,11 +41,11 @@ class Processes:
         return self.rank == 0
 
     def share(self, items: Sequence[Item]) -> Sequence[Item]:
-        """This process's part of a step's work."""
+        """Select this process's part of a step's work."""
         return items[self.rank :: self.count]
 
     def sum(self, values: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """The sum over the processes."""
+        """Sum over the processes."""
         if self.count > 1:
             dist.all_reduce(values)
         return values
@@ -63,7 +63,7 @@ class Processes:
             parameter.grad = gradient.view_as(parameter) if count else None
 
     def from_first(self, value: float, device: torch.device) -> float:
-        """The first process's value."""
+        """Return the first process's value."""
         if self.count == 1:
             return value
         shared = torch.tensor([value], dtype=torch.float64, device=device)
@@ -88,7 +88,7 @@ class ComputeSetup:
 
 @contextmanager
 def joined_processes(device: torch.device) -> Iterator[Processes]:
-    """The processes started by `torchrun`, or this process alone."""
+    """Join the processes started by `torchrun`, or return this process alone."""
     if not (dist.is_available() and dist.is_torchelastic_launched()):
         yield Processes()
         return
@@ -100,7 +100,7 @@ def joined_processes(device: torch.device) -> Iterator[Processes]:
 
 
 def process_device(name: str) -> torch.device:
-    """The device of this name (`torch_device`); under `torchrun` each process of a machine uses its own GPU.
+    """Return the device of this name (`torch_device`); under `torchrun` each process of a machine uses its own GPU.
 
     Raises:
         LiveHandError: CUDA is requested but not available.

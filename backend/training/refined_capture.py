@@ -25,7 +25,7 @@ HAND_FILE = "hand_{side}.npz"
 def refined_poses(
     capture: Capture, hand: HandModel, config: RefinementConfig, folder: Path, device: torch.device
 ) -> Correction:
-    """The correction of poses, shape and surface; at the end the refined capture is written to `folder`.
+    """Make the correction of poses, shape and surface; at the end the refined capture is written to `folder`.
 
     If the surface is refined, the avatar belongs to the refined hand model, on which no other surface lies.
     """

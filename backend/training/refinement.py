@@ -140,7 +140,7 @@ class Refinement(nn.Module):
             self._retrace(views)
 
     def refined(self, view: TrainingView, pose_index: int) -> TrainingView:
-        """The view with the corrected pose, with gradients; before refinement starts, the view itself."""
+        """Return the view with the corrected pose, with gradients; before refinement starts, the view itself."""
         if not self.is_active:
             return view
         with torch.autocast(self.theta.device.type, enabled=False):
@@ -154,12 +154,12 @@ class Refinement(nn.Module):
         return view._replace(rays=rays._replace(samples=samples), conditions=conditions, mesh=mesh)
 
     def pose(self, pose_index: int) -> tuple[CorrectedPoses, Float[Tensor, "V 3"]]:
-        """A refined pose and its vertices, world, m; with gradients."""
+        """Return a refined pose and its vertices, world, m; with gradients."""
         given = CorrectedPoses(*(values[pose_index] for values in self._given))
         return self._posed(given, Corrections(self.theta[pose_index], self.beta, self.transl[pose_index], self.surface))
 
     def penalty(self) -> Float[Tensor, ""]:
-        """The weight decay of the corrections, added to the loss of each image."""
+        """Compute the weight decay of the corrections, added to the loss of each image."""
         corrections = (self.theta, self.beta, self.transl, self.surface)
         size = torch.stack([values.square().mean() for values in corrections]).sum()
         along_edges = self.surface[self._topology.edges].diff(dim=1).square().mean()
@@ -167,14 +167,14 @@ class Refinement(nn.Module):
 
     @torch.no_grad()
     def poses(self) -> tuple[HandPose, ...]:
-        """All refined poses; held-out ones have the shared shape and their own angles and translation."""
+        """Return all refined poses; held-out ones have the shared shape and their own angles and translation."""
         corrected, _ = self._posed(self._given, self._current())
         rows = zip(*(values.double().cpu().numpy() for values in corrected), strict=True)
         return tuple(HandPose(theta, beta, transl, self._side, forearm) for theta, beta, transl, forearm in rows)
 
     @torch.no_grad()
     def template(self) -> Float[Tensor, "V 3"]:
-        """The hand model's template with the surface offset, m."""
+        """Return the hand model's template with the surface offset, m."""
         return self._displaced(self.surface)
 
     def _posed(self, given: CorrectedPoses, corrections: Corrections) -> tuple[CorrectedPoses, Float[Tensor, "*b V 3"]]:
@@ -192,12 +192,12 @@ class Refinement(nn.Module):
         return self._skin.v_template + self.config.surface_deviation_m * surface[..., None] * self._normals
 
     def _current(self) -> Corrections:
-        """The corrections of all poses."""
+        """Return the corrections of all poses."""
         count = len(self.theta)
         return Corrections(self.theta, self.beta.expand(count, -1), self.transl, self.surface.expand(count, -1))
 
     def _traced(self) -> Corrections:
-        """The corrections of all poses when their views were last traced."""
+        """Return the corrections of all poses when their views were last traced."""
         return Corrections(*(self.get_buffer(f"traced_{name}") for name in Corrections._fields))
 
     def _centre(self) -> None:
@@ -221,7 +221,7 @@ class Refinement(nn.Module):
 
 
 def _given_poses(poses: tuple[HandPose, ...], is_trained: Bool[Tensor, " P"]) -> CorrectedPoses:
-    """The capture's poses, all with the mean shape of the training poses."""
+    """Return the capture's poses, all with the mean shape of the training poses."""
     arrays = (np.stack([getattr(pose, name) for pose in poses]) for name in CorrectedPoses._fields)
     given = CorrectedPoses(*(torch.as_tensor(a, dtype=torch.float32, device=is_trained.device) for a in arrays))
     return given._replace(beta=given.beta[is_trained].mean(0).expand(len(given.beta), -1))

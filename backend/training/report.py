@@ -18,12 +18,12 @@ from .step import StepResult
 
 
 def log_path(output: Path) -> Path:
-    """Path of the log of an avatar's training."""
+    """Return the path of the log of an avatar's training."""
     return output.with_suffix(".log.jsonl")
 
 
 def preview_path(output: Path) -> Path:
-    """Path of the latest preview of an avatar in training."""
+    """Return the path of the latest preview of an avatar in training."""
     return output.with_suffix(".preview.png")
 
 

@@ -45,14 +45,14 @@ class Clock:
 
 
 class Interval:
-    """Tells when a recurring action is due; never if the interval is 0."""
+    """The timer of a recurring action; it is never due if the interval is 0."""
 
     def __init__(self, interval_s: float, clock: Clock):
         self._interval_s, self._clock = interval_s, clock
         self._last_s = clock.session_s
 
     def is_due(self) -> bool:
-        """Whether the interval has passed since the last time this was true."""
+        """Return whether the interval has passed since the last time this was true."""
         now_s = self._clock.session_s
         if not self._interval_s or now_s - self._last_s < self._interval_s:
             return False
@@ -88,15 +88,15 @@ class Schedule:
         return float(self.config.steps) if self.config.minutes is None else 60 * self.config.minutes
 
     def done(self, step: int, seconds: float) -> float:
-        """The part of `total` that is done after so many steps and seconds."""
+        """Compute the part of `total` that is done after so many steps and seconds."""
         return float(step) if self.config.minutes is None else min(seconds, self.total)
 
     def is_over(self, step: int, seconds: float) -> bool:
-        """Whether training ends here."""
+        """Return whether training ends here."""
         return self.done(step, seconds) >= self.total
 
     def at(self, step: int, seconds: float = 0.0) -> ScheduleState:
-        """The schedule of a step that begins after so many seconds: linear warm-up, then cosine decay."""
+        """Compute the schedule of a step that begins after so many seconds: linear warm-up, then cosine decay."""
         config, done = self.config, self.done(step, seconds)
         decay = 0.5 * (1 + cos(pi * done / self.total))
         rate = self._warmup(step, done) * (config.final_learning_rate + (1 - config.final_learning_rate) * decay)
@@ -104,7 +104,7 @@ class Schedule:
         return ScheduleState(step, progress, rate, perceptual_ramp(progress, config.loss))
 
     def remaining_s(self, step: int, seconds: float, seconds_per_step: float) -> float:
-        """Estimated time left: the rest of the steps at the measured pace, or the rest of the budget."""
+        """Estimate the time left: the rest of the steps at the measured pace, or the rest of the budget."""
         left = self.total - self.done(step, seconds)
         return left * seconds_per_step if self.config.minutes is None else left
 
@@ -116,7 +116,7 @@ class Schedule:
 
 
 def perceptual_ramp(progress: float, config: LossConfig) -> float:
-    """Factor of the perceptual weight: 0 before the last `perceptual_share` of training, then a linear rise to 1."""
+    """Compute the factor of the perceptual weight: 0 before the last `perceptual_share`, then a linear rise to 1."""
     since = progress - (1 - config.perceptual_share)
     if since < 0 or config.perceptual == 0:
         return 0.0
@@ -125,7 +125,7 @@ def perceptual_ramp(progress: float, config: LossConfig) -> float:
 
 
 def view_at(position: int, view_count: int, config: TrainConfig) -> tuple[int, int]:
-    """(image, jitter set) at a position of the endless sequence of epochs, each of which visits every image once.
+    """Find (image, jitter set) at a position of the endless sequence of epochs, each of which visits every image once.
 
     The order of an epoch is drawn from (seed, epoch).
     """
@@ -136,5 +136,5 @@ def view_at(position: int, view_count: int, config: TrainConfig) -> tuple[int, i
 
 
 def views_of_step(step: int, view_count: int, config: TrainConfig) -> list[tuple[int, int]]:
-    """(image, jitter set) of all views of a step."""
+    """List (image, jitter set) of all views of a step."""
     return [view_at(step * config.batch + k, view_count, config) for k in range(config.batch)]

@@ -1,7 +1,7 @@
-"""The feature planes of an avatar, carried over to another hand model's atlas by nearest places of the two surfaces.
+"""The feature planes of an avatar, carried over to another hand model's atlas by nearest points of the two surfaces.
 
 Both templates must lie over each other, as two versions of a hand do. What the new surface has beside the old one gets
-the features of the old one's nearest place.
+the features of the old one's nearest point.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def transfer_planes(ours: PlaneField, hand: HandModel, theirs: PlaneField, their
 
 
 def _samples(hand: HandModel, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Random places [N, 3] m of the template's surface, uniform by area, and their atlas coordinates [N, 2]."""
+    """Draw random points [N, 3] m of the template's surface, uniform by area, and their atlas coordinates [N, 2]."""
     corners = hand.v_template[hand.f]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     face = rng.choice(len(area), _SAMPLES, p=area / area.sum())
@@ -71,7 +71,7 @@ def _samples(hand: HandModel, rng: np.random.Generator) -> tuple[np.ndarray, np.
 
 
 def _fill(plane: FeaturePlane, source: FeaturePlane, to: Tensor, at: Tensor) -> None:
-    """Each texel gets the mean over its samples; those without samples, between the charts, that of the nearest."""
+    """Fill each texel with the mean over its samples; those without any, between the charts, with the nearest's."""
     size = plane.resolution
     column, row = (to * size).long().clamp(0, size - 1).unbind(-1)
     texel = row * size + column
@@ -155,7 +155,7 @@ def load_base_avatar(path: Path, hand: HandModel | None = None) -> BaseAvatar:
 
 
 def initial_avatar(name: str, setup: TrainingSetup, seed: int) -> Avatar:
-    """The avatar before the first step.
+    """Make the avatar before the first step.
 
     Raises:
         LiveHandError: the avatar to fine-tune has another hand or configuration, or the capture's surface is broken.
@@ -185,7 +185,7 @@ def initial_avatar(name: str, setup: TrainingSetup, seed: int) -> Avatar:
 
 
 def _relightable(config: AvatarConfig) -> AvatarConfig:
-    """The configuration with light; an avatar with baked light and a relightable one share geometry and planes."""
+    """Add light to the configuration; an avatar with baked light and a relightable one share geometry and planes."""
     field, superres = replace(config.field, light="linear"), replace(config.superres, kind="lit")
     return replace(config, field=field, superres=superres)
 
@@ -197,7 +197,7 @@ def load_what_fits(ours: nn.Module, theirs: nn.Module) -> None:
 
 
 def sky_of(capture: Capture) -> Sky | None:
-    """The sky in which the capture was made: that of its dome, or else the mean of its skies; None: it has none."""
+    """Return the sky of the capture: that of its dome, or else the mean of its skies; None: it has none."""
     skies = [(light.kind, light.light.sky) for light in capture.lights if light.light.sky is not None]
     shapes = {sky.radiance.shape for _, sky in skies}
     domes = [sky for kind, sky in skies if kind == "dome"]
@@ -207,7 +207,7 @@ def sky_of(capture: Capture) -> Sky | None:
 
 
 def run_identity(setup: TrainingSetup, config: TrainConfig, precision: Precision, view_count: int) -> str:
-    """Everything that determines the result; a checkpoint is resumed only by a run with the same identity."""
+    """Return all that determines the result; a checkpoint is resumed only by a run with the same identity."""
     corrections = {correction.name: [correction.learning_rate, correction.settings] for correction in setup.corrections}
     base, capture = setup.base.sha256 if setup.base else None, setup.capture.provenance
     if setup.capture.surface is not None:
@@ -219,7 +219,7 @@ def run_identity(setup: TrainingSetup, config: TrainConfig, precision: Precision
 def provenance_of(
     setup: TrainingSetup, config: TrainConfig, precision: Precision, progress: Progress
 ) -> dict[str, Any]:
-    """What the header of the avatar records of its training."""
+    """Make the record of the training for the avatar's header."""
     provenance = {
         "made_by": "livehand train",
         "training": asdict(config),

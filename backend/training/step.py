@@ -130,7 +130,7 @@ class Stepper:
         return dict(zip(means, summed[len(visits) :], strict=True)), summed[: len(visits)]
 
     def _loss(self, index: int, jitter: int, state: ScheduleState) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss of one view, and its terms by name."""
+        """Compute the loss of one view, and its terms by name."""
         view, source = self.views.get(index, jitter), self.views.views[index]
         self.clock.waiting_s = self.views.waited_s
         generator = torch.Generator().manual_seed(hash((self.config.seed, state.step, index)) % 2**63)
@@ -204,6 +204,6 @@ def _render_lit(
 
 
 def _has_finite_gradients(parts: TrainedParts) -> bool:
-    """Whether the norm of the gradients is finite, which it is if all gradients are."""
+    """Return whether the norm of the gradients is finite, which it is if all gradients are."""
     gradients = [p.grad for p in parts.parameters() if p.grad is not None]
     return bool(torch.nn.utils.get_total_norm(gradients).isfinite())

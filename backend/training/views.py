@@ -132,7 +132,7 @@ class TrainingViews:
         return posed
 
     def get(self, index: int, jitter: int) -> TrainingView:
-        """View `index` with its `jitter`-th set of samples."""
+        """Return view `index` with its `jitter`-th set of samples."""
         crop = self._crops[index]
         mesh, conditions = self._poses[self.views[index].pose_index]
         camera = camera_tensors(crop.camera_of(self.views[index].camera), self.device)
@@ -186,7 +186,7 @@ class TrainingViews:
         return ((y >= 0) & (y < height))[:, None] & ((x >= 0) & (x < width))
 
     def _met_hand(self, index: int, mesh: PosedMesh, camera: CameraTensors) -> HandInView:
-        """The hand as the rays of view `index` meet it: no surface is known here."""
+        """Return the hand as the rays of view `index` meet it: no avatar's surface is given here."""
         return HandInView(mesh, self.topology, camera)
 
     def _rays(self, index: int, jitter: int, camera: CameraTensors, mesh: PosedMesh) -> SurfaceRays:
@@ -198,7 +198,7 @@ class TrainingViews:
 
 
 def _packed(rays: SurfaceRays) -> tuple[Tensor, ...]:
-    """The rays in 12 bytes per sample; half precision moves a sample by less than 3 micrometres on the surface."""
+    """Pack the rays in 12 bytes per sample; half precision moves a sample by less than 3 micrometres on the surface."""
     samples = rays.samples
     barycentric = samples.barycentric[:, 1:].half()
     face = samples.face.int() if (samples.face >= 2**15).any() else samples.face.short()

@@ -62,14 +62,14 @@ class FusedRayRenderer:
     rays_per_decode: int = 1 << 12
 
     def __call__(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> RenderedRays:
-        """As `RayRenderer`."""
+        """Render rays, as `RayRenderer`."""
         rays = self.gather(hand, conditions, hooks)
         hooks.on_stage("field")
         composite = self.decode(rays.gathered, rays.view)
         return RenderedRays(rays.pixel, composite, rays.t, rays.dt)
 
     def gather(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> GatheredRays:
-        """All rays that meet the shell, with the features gathered along them composited."""
+        """Trace all rays that meet the shell, with the features gathered along them composited."""
         hooks.on_stage("rasterise")
         crossings = rasterise_shell(hand, self.config)
         hooks.on_stage("sample")
@@ -88,7 +88,7 @@ class FusedRayRenderer:
         return GatheredRays(pixel, directions / directions.norm(dim=-1, keepdim=True), gathered, t, dt)
 
     def decode(self, gathered: Composite, view: Tensor) -> Composite:
-        """What the field makes of rays (`PlaneField.shaded`)."""
+        """Shade rays as the field does (`PlaneField.shaded`)."""
         chunks = zip(*(values.split(self.rays_per_decode) for values in (*gathered, view)), strict=True)
         channels = [self.field.shaded(Composite(*chunk), view, self._decoder).channels for *chunk, view in chunks]
         return gathered._replace(channels=torch.cat(channels))
@@ -102,7 +102,7 @@ class FusedRayRenderer:
         return RayUnits(self.config.samples_along(hand), *(np.float32(value) for value in values))
 
     def _buffers(self, rays: int, samples: int) -> tuple[Composite, Tensor, Tensor]:
-        """Composited gathered features, sample depths [R, N] and steps [R]; all zero."""
+        """Allocate composited gathered features, sample depths [R, N] and steps [R]; all zero."""
         sizes = ((rays, self.field.gathered_channels), (rays,), (rays,), (rays, samples))
         return Composite(*(torch.zeros(size) for size in sizes)), torch.zeros(rays, samples), torch.zeros(rays)
 
@@ -116,7 +116,7 @@ class FusedRayRenderer:
 
 
 def packed(field: PlaneField) -> PackedField:
-    """The tables and weights of a field as the kernels take them."""
+    """Pack the tables and weights of a field as the kernels take them."""
     planes = [*field.feature_planes, field.relief]
     tables = [_padded(plane.table, BLOCK) for plane in planes]
     starts = np.cumsum([0, *(table.size for table in tables)])[:-1]
@@ -140,7 +140,7 @@ def packed(field: PlaneField) -> PackedField:
 
 
 def _narrow(table: np.ndarray) -> np.ndarray:
-    """The bits of half precision, in which avatars' files hold their planes, if the kernels can read them."""
+    """Return the bits of half precision, in which avatars' files hold their planes, if the kernels can read them."""
     if not has_half_precision() or np.abs(table).max() > np.finfo(np.float16).max:
         return table
     return table.astype(np.float16).view(np.uint16)
@@ -151,7 +151,7 @@ def _array(values: Tensor) -> np.ndarray:
 
 
 def _padded(values: Tensor, block: int) -> np.ndarray:
-    """[rows, columns] with columns of zeros added up to a whole number of blocks."""
+    """Add columns of zeros up to a whole number of blocks: [rows, columns]."""
     return np.pad(_array(values), ((0, 0), (0, -values.shape[1] % block)))
 
 
@@ -159,7 +159,7 @@ class FieldKernels(ReferenceBackend):
     """Fields of planes by kernels; the paper's field is traced by them and queried by torch."""
 
     def ray_renderer(self, field: MlpField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
-        """As the reference's."""
+        """Make a renderer, as the reference's."""
         if isinstance(field, PlaneField):
             return FusedRayRenderer(field, config, precision)
         return on_all_threads(ChunkedRayRenderer(self, field, config, precision))

@@ -146,7 +146,7 @@ class _Plane(NamedTuple):
 
 
 def _planes_of(field: PlaneField, samples: Samples) -> list[_Plane]:
-    """The field's planes, the relief's last."""
+    """Return the field's planes, the relief's last."""
     planes = [*field.feature_planes, field.relief]
     fades = [field.fade(plane, samples.footprint_m) for plane in planes]
     fades[-1] = RELIEF_GAIN * fades[-1]
@@ -157,7 +157,7 @@ def _planes_of(field: PlaneField, samples: Samples) -> list[_Plane]:
 def _gather(
     planes: list[_Plane], tables: list[Tensor], samples: Samples, columns: int
 ) -> tuple[Float[Tensor, "S 2"], Float[Tensor, "S K"], Float[Tensor, "S 3"]]:
-    """Atlas coordinates of the samples, their gathered features, and the relief's offset."""
+    """Gather atlas coordinates of the samples, their features, and the relief's offset."""
     count = len(samples.height)
     uv, gathered, relief = (torch.empty(count, width) for width in (2, columns, 3))
     face, barycentric, faces, channels, corner_uv = _surface(samples)
@@ -185,7 +185,7 @@ def _read(plane: _Plane, table: Tensor, uv: Tensor, height: Tensor, out: Tensor,
 def _composite(
     logit: Float[Tensor, " S"], gathered: Float[Tensor, "S K"], steps: Steps
 ) -> tuple[tuple[Tensor, Tensor, Tensor], Tensor, Tensor]:
-    """(channels, alpha, depth), and each sample's weight and the transmittance behind it, both [R, N]."""
+    """Compute (channels, alpha, depth), and each sample's weight and the transmittance behind it, both [R, N]."""
     optical_depth = softplus(logit).view(steps.t.shape) * steps.step_mm[:, None]
     optical_depth[:, -1] += _OPAQUE * steps.is_stopped
     clear = torch.exp(-optical_depth)
@@ -207,7 +207,7 @@ def _gather_gradient(
     outward: Float[Tensor, "S K"],
     light_shape: torch.Size,
 ) -> tuple[list[Tensor], Tensor]:
-    """Gradients of the tables and of the vertices' light [V, E] from those of the gathered features."""
+    """Compute gradients of the tables and of the vertices' light [V, E] from those of the gathered features."""
     face, barycentric, faces, channels, _ = _surface(samples)
     columns = gathered.shape[1]
     widths = [plane.sizes[2] for plane in planes[:-1]]
@@ -232,7 +232,7 @@ def _gather_gradient(
 
 
 def _surface(samples: Samples) -> list[Any]:
-    """Arrays for the kernels: face, barycentric, faces, the vertices' channels, corner_uv."""
+    """Make arrays for the kernels: face, barycentric, faces, the vertices' channels, corner_uv."""
     on_surface, topology = samples.samples, samples.topology
     return as_arrays(on_surface.face, on_surface.barycentric, topology.faces, samples.channels, topology.corner_uv)
 
@@ -245,7 +245,7 @@ def _run(count: int, kernel: Any, inputs: Any, more: Any, out: Any) -> None:
 def read_plane(
     plane: FeaturePlane, uv: Float[Tensor, "S 2"], height: Float[Tensor, " S"], fade: Float[Tensor, " S"]
 ) -> Float[Tensor, "S C"]:
-    """As `FeaturePlane.forward`."""
+    """Read a plane, as `FeaturePlane.forward`."""
     return _PlaneRead.apply(plane.table, uv, height, fade, (plane.resolution, plane.heights, plane.channels))
 
 
@@ -254,7 +254,7 @@ class _PlaneRead(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, table: Tensor, uv: Tensor, height: Tensor, fade: Tensor, sizes: Sizes) -> Tensor:
-        """All of one floating-point type, on the CPU."""
+        """Read a plane; all of one floating-point type, on the CPU."""
         hit_points = tuple(values.detach().contiguous() for values in (uv, height, fade))
         flat = table.detach().contiguous().view(-1)
         out = flat.new_empty(len(uv), sizes[2])
@@ -272,7 +272,7 @@ class _PlaneRead(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *outward: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
-        """Gradients of the table and, if needed, of uv, height and fade."""
+        """Compute the gradients of the table and, if needed, of uv, height and fade."""
         table, *hit_points = ctx.saved_tensors
         of_features = outward[0].contiguous()
         of_table = _table_gradient(table, hit_points, of_features, ctx.sizes) if ctx.needs_input_grad[0] else None
@@ -285,7 +285,7 @@ class _PlaneRead(torch.autograd.Function):
 def _table_gradient(
     table: Float[Tensor, "T C"], hit_points: Sequence[Tensor], outward: Float[Tensor, "S K"], sizes: Sizes, at: int = 0
 ) -> Float[Tensor, "T C"]:
-    """`outward` has the plane's channels from column `at` on; places are uv, height and fade."""
+    """Compute a table's gradient; `outward` has the plane's channels from column `at` on; points: uv, height, fade."""
     gradient = torch.zeros_like(table, memory_format=torch.contiguous_format)
     *arrays, flat, total = as_arrays(*hit_points, outward.view(-1), gradient.view(-1))
     columns = outward.shape[1]

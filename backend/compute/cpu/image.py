@@ -35,7 +35,7 @@ MIN_ALPHA_32 = np.float32(MIN_ALPHA)
 def smooth_enlarged_rays(
     maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
 ) -> EnlargedRays:
-    """As `image.shading.smooth_enlarged_rays`; the pixels are in order."""
+    """Enlarge and smooth rays, as `image.shading.smooth_enlarged_rays`; the pixels are in order."""
     count, (height, width) = len(covered), detail.shape[1:]
     buffers = (torch.empty(count, COEFFICIENTS), torch.empty(count, 3), torch.zeros(height * width))
     out = EnlargedArrays(*(values.numpy() for values in buffers))
@@ -54,7 +54,7 @@ def shares_of_rays(
     at: Int[Tensor, " P"],
     skin: SurfaceDepth,
 ) -> Float[Tensor, "P 4"]:
-    """As `image.shading.shares_of_rays`."""
+    """Compute the shares of rays, as `image.shading.shares_of_rays`."""
     depth, shares = ray_depths(position, pixel, camera), torch.empty(len(at), 4)
     arrays, out = as_arrays(at, depth, skin.depth), shares.numpy()
     where = arrays[0], camera.size_px[0], *arrays[1:], np.float32(skin.edge_m)
@@ -65,7 +65,7 @@ def shares_of_rays(
 def normals_at_steps(
     normal: Float[Tensor, "P 3"], relief_normal: Float[Tensor, "R 3"], rays: RaysAround
 ) -> Float[Tensor, "P 3"]:
-    """As `image.shading.normals_at_steps`."""
+    """Replace the normals at steps of depth, as `image.shading.normals_at_steps`."""
     width, height = rays.size_px
     row, normals = row_of(rays.pixel, width * height), torch.empty_like(normal)
     at, share, of_rays, before = as_arrays(rays.at, rays.share, relief_normal, normal)
@@ -77,7 +77,7 @@ def normals_at_steps(
 
 
 def view_directions(camera: CameraTensors, pixel: Int[Tensor, " P"]) -> Float[Tensor, "P 3"]:
-    """As `field.rays.view_directions`, to the precision of fp32: rays that sample a field are more sensitive."""
+    """Compute `field.rays.view_directions` to the precision of fp32: rays that sample a field are more sensitive."""
     directions, width = torch.empty(len(pixel), 3), camera.size_px[0]
     at, axes = as_arrays(pixel, torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3])
     out = directions.numpy()
@@ -88,7 +88,7 @@ def view_directions(camera: CameraTensors, pixel: Int[Tensor, " P"]) -> Float[Te
 def shade_image(
     image: ShadingInputs, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
 ) -> Float[Tensor, "3 H W"]:
-    """Scene-linear colours of an image at twice `size_px`."""
+    """Compute the scene-linear colours of an image at twice `size_px`."""
     width, height = size_px
     rays, row = ray_rows(features), row_of(pixel, width * height)
     out = torch.zeros(4 * width * height, 3)
@@ -106,7 +106,7 @@ _MEAN_SHARES = np.array(SHARES, np.float32)
 
 
 def edge_avoiding_mean(values: Float[Tensor, "R C"], hit_points: RaySurfacePoints, stride: int) -> Float[Tensor, "R C"]:
-    """As `image.edge_avoiding_filter.edge_avoiding_mean`."""
+    """Average over rays, as `image.edge_avoiding_filter.edge_avoiding_mean`."""
     width, height = hit_points.size_px
     row = row_of(hit_points.pixel, width * height)
     means = torch.empty(values.shape)

@@ -1,4 +1,4 @@
-"""Light by kernels, without gradients: as `light.{bounce, lighting, shadow_maps, nearby_geometry_of, visibility}`."""
+"""Light by kernels, no gradients: `light.{indirect_diffuse, lighting, shadow_maps, near_field_light, visibility}`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from .threads import in_parallel
 
 
 def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePoints) -> LightFeatures:
-    """The features of points."""
+    """Compute the light features of points."""
     sky, lamps = light
     count = len(points.position)
     vectors, of_sky, seen, scattered = (
@@ -75,7 +75,7 @@ def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePo
 def indirect_diffuse(
     position: Float[Tensor, "R 3"], normal: Float[Tensor, "R 3"], surfels: Surfels, emitted: Float[Tensor, "P 3"]
 ) -> Float[Tensor, "R 3"]:
-    """As `light.indirect_diffuse.indirect_diffuse`."""
+    """Compute indirect diffuse light, as `light.indirect_diffuse.indirect_diffuse`."""
     arrays = SurfelArrays(*as_arrays(surfels.position.T, surfels.normal.T, surfels.area_m2, emitted.T))
     at, unit, received = as_arrays(position, normal, torch.empty(len(position), 3))
     in_parallel(lambda first, last: bounce(at, unit, arrays, first, last, received), len(position))
@@ -83,7 +83,7 @@ def indirect_diffuse(
 
 
 def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> AmbientOcclusion:
-    """The ambient occlusion of points with these normals."""
+    """Compute the ambient occlusion of points with these normals."""
     found = AmbientOcclusion(torch.empty(len(normal)), torch.empty(len(normal), 3))
     (towards, normals, share, mean), lit = as_arrays(sky.towards, normal.T, *found), whole_rows(shadows.lit)
     in_parallel(lambda first, last: fill_openness(towards, normals, lit, first, last, share, mean), len(normal))
@@ -91,7 +91,7 @@ def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tens
 
 
 def lobes() -> Lobes:
-    """The constants of the glossy lobes and of light in the skin."""
+    """Return the constants of the glossy lobes and of light in the skin."""
     constants = (np.array(values, np.float32) for values in (SCATTER_M, WRAP, SCATTERED_SCALE, np.square(ROUGHNESS)))
     return Lobes._make(
         (*constants, *(np.float32(value) for value in (NAIL_ROUGHNESS**2, SKY_CELL_RAD, INDEX**2, BELOW_HORIZON)))
@@ -101,7 +101,7 @@ def lobes() -> Lobes:
 def mesh_points(
     mesh: PosedMesh, faces: Int[Tensor, "F 3"], face: Int[Tensor, " R"], position: Float[Tensor, "R 3"]
 ) -> MeshPoints:
-    """As `light.indirect_diffuse.MeshPoints.of`; face -1 is none."""
+    """Locate points on the mesh, as `light.indirect_diffuse.MeshPoints.of`; face -1 is none."""
     count = len(face)
     hit_points = MeshPoints(torch.empty(count, 3, dtype=faces.dtype), torch.empty(count, 3))
     arrays = as_arrays(mesh.vertices, faces, face, position)
@@ -111,7 +111,7 @@ def mesh_points(
 
 
 def look_up(scene: ShadowScene, hit_points: Float[Tensor, "P 3"]) -> PointShadows:
-    """As `light.shadow_maps.look_up_reference`: makes the maps of one view after the other."""
+    """Look up shadows, as `light.shadow_maps.look_up_reference`: makes the maps of one view after the other."""
     tensors = (*scene.views, scene.vertices.T, scene.faces, scene.others.T)
     arrays = (values.contiguous().numpy() for values in tensors)
     lengths = map(np.float32, (scene.tolerance, scene.contact, scene.max_depth_in, scene.template_m))
@@ -127,7 +127,7 @@ def look_up(scene: ShadowScene, hit_points: Float[Tensor, "P 3"]) -> PointShadow
 def near_field_light(
     patches: Patches, sky_visibility: PointShadows, emitted: Float[Tensor, "P 3"], points: SurfacePoints
 ) -> NearFieldFeatures:
-    """As `light.near_field_light.near_field_light`."""
+    """Compute near-field light, as `light.near_field_light.near_field_light`."""
     count = len(points.position)
     found = NearFieldFeatures(*(torch.empty(count, *shape) for shape in ((3, 3), (2, 3), (2, 3))))
     out, at = NearArrays(*(values.numpy() for values in found)), PointArrays(*as_arrays(*points[:-1]))
@@ -140,7 +140,7 @@ def near_field_light(
 
 
 def lit_share(points: ShadowMapPoints, topology: Topology) -> Float[Tensor, "K V"]:
-    """As `light.visibility.lit_share_reference`."""
+    """Compute lit shares, as `light.visibility.lit_share_reference`."""
     px, depth, lifted_px, lifted_depth = (values.numpy() for values in points[:4])
     arrays = ShadowPoints(px, depth, lifted_px, lifted_depth, np.float32(points.bias))
     faces, lit = topology.faces.numpy(), torch.empty(points.depth.shape)

@@ -63,7 +63,7 @@ class PackedWeights(NamedTuple):
 
     @classmethod
     def of(cls, weight: Float[Tensor, "O C h w"], is_int8: bool) -> PackedWeights:
-        """At most 64 outputs; int8 takes a multiple of four inputs."""
+        """Pack weights of at most 64 outputs; int8 takes a multiple of four inputs."""
         padded = torch.zeros(OUTPUTS, *weight.shape[1:])
         padded[: len(weight)] = weight
         values, factors = padded.permute(2, 3, 1, 0).reshape(-1, weight.shape[1], OUTPUTS), torch.ones(OUTPUTS)
@@ -82,7 +82,7 @@ Layer = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def decoder(field: PlaneField, device: torch.device, precision: Precision) -> Decoder:
-    """A field's decoder by the kernels; in reduced precision its second layer, the widest, multiplies int8."""
+    """Make a field's decoder by the kernels; in reduced precision its second layer, the widest, multiplies int8."""
     if not has_vectors():
         return on_all_threads(decoder_in_precision(field, device, precision))
     is_int8 = precision == "bf16" and has_int8_products()
@@ -98,7 +98,7 @@ def decoder(field: PlaneField, device: torch.device, precision: Precision) -> De
 def decoder_inputs(
     field: RelightableField, gathered: Composite, view: Float[Tensor, "R 3"], occlusion: AmbientOcclusion
 ) -> Float[Tensor, "R C"]:
-    """As `RelightableField.decoder_inputs`."""
+    """Compute the decoder's inputs, as `RelightableField.decoder_inputs`."""
     count, near = len(view), field.near_channels
     inputs = torch.empty(count, near + field.ANGLES)
     rays, out = as_arrays(gathered.channels, gathered.alpha, view, *occlusion), inputs.numpy()
@@ -108,7 +108,7 @@ def decoder_inputs(
 
 
 def _decode(layers: Sequence[Layer], steps: np.ndarray, outputs: int, inputs: Float[Tensor, "R C"]) -> Tensor:
-    """[R, outputs]."""
+    """Decode inputs to [R, outputs]."""
     source, decoded = inputs.float().contiguous().numpy(), torch.empty(len(inputs), outputs)
     out = decoded.numpy()
     in_parallel(lambda first, last: decode_rays(source, *layers, steps, first, last, out), len(out))
@@ -116,7 +116,7 @@ def _decode(layers: Sequence[Layer], steps: np.ndarray, outputs: int, inputs: Fl
 
 
 def _packed(layer: nn.Linear, inputs: int, is_int8: bool) -> Layer:
-    """The layer with inputs padded to so many, and outputs to whole groups."""
+    """Pack the layer with inputs padded to so many, and outputs to whole groups."""
     outputs = -(-layer.out_features // GROUP) * GROUP
     weight, bias = torch.zeros(outputs, inputs), torch.zeros(outputs)
     weight[: layer.out_features, : layer.in_features] = layer.weight.detach()
@@ -131,7 +131,7 @@ _LEAST_SPAN = 1e-6
 
 
 def superres(network: nn.Module, device: torch.device, precision: Precision) -> Callable[[Tensor], Tensor]:
-    """The network as a function of its maps: by the kernels, where they and its layers fit; its weights are copied."""
+    """Make a function of the network's maps: by the kernels, where they and its layers fit; its weights are copied."""
     if isinstance(network, ResidualSuperRes) and network.config.width == CHANNELS and has_vectors():
         return RowSuperRes.of(network, is_int8=precision == "bf16" and has_int8_products())
     return on_all_threads(in_precision(network, device, precision))
@@ -155,7 +155,7 @@ class PackedLayer:
 
     @classmethod
     def of(cls, weight: Tensor, bias: Tensor, of_nothing: Tensor, is_residual: bool, is_int8: bool) -> PackedLayer:
-        """A layer of at most 64 outputs."""
+        """Pack a layer of at most 64 outputs."""
         biases = torch.zeros(CHANNELS)
         biases[: len(bias)] = bias
         return cls(PackedWeights.of(weight, is_int8), biases.numpy(), of_nothing.numpy(), is_residual)
@@ -170,7 +170,7 @@ class RowSuperRes:
 
     @classmethod
     def of(cls, network: ResidualSuperRes, is_int8: bool) -> RowSuperRes:
-        """The network with its weights packed."""
+        """Pack the weights of a network."""
         layers, nothing = [], torch.zeros(network.head.in_channels)
         for layer in (network.head, *network.body):
             assert isinstance(layer, nn.Conv2d)
@@ -187,12 +187,12 @@ class RowSuperRes:
         return cls(network, tuple(layers))
 
     def __call__(self, maps: Float[Tensor, "1 C h w"]) -> Float[Tensor, "1 D H W"]:
-        """As the network; beside the hand its residual is zero."""
+        """Super-resolve maps as the network does; beside the hand its residual is zero."""
         maps = maps.float()
         return self.network.added(maps, self.residual(maps))
 
     def residual(self, maps: Float[Tensor, "1 C h w"]) -> Float[Tensor, "1 D H W"]:
-        """As `ResidualSuperRes.residual`."""
+        """Compute the residual, as `ResidualSuperRes.residual`."""
         planes = maps[0].numpy()
         height, width = planes.shape[1:]
         runs, bounds = np.zeros((height, 2), np.int64), np.empty((height, 2), np.float32)
@@ -220,7 +220,7 @@ class Source(NamedTuple):
 
 
 def _source(layer: PackedLayer, image: np.ndarray, runs: np.ndarray, bounds: np.ndarray) -> Source:
-    """The source of a layer, from the runs of an fp32 image, whose values lie within bounds [h, 2]."""
+    """Make the source of a layer, from the runs of an fp32 image, whose values lie within bounds [h, 2]."""
     rows = len(runs) + 2
     words, factors, sums = layer.weights
     if words.dtype == np.float32:
@@ -242,7 +242,7 @@ def _in_rows(kernel: Callable[[int, int, np.ndarray], None], rows: int, out: np.
 
 
 def _image(height: int, width: int, channels: int) -> np.ndarray:
-    """Not filled."""
+    """Allocate an image, not filled."""
     return np.empty((height + 2, width + 2 + SPARE, channels), np.float32)
 
 

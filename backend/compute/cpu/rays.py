@@ -36,7 +36,7 @@ from .threads import in_parallel
 
 
 def projected_mesh(camera: CameraTensors, vertices: Float[Tensor, "V 3"], faces: Int[Tensor, "F 3"]) -> ProjectedMesh:
-    """The mesh as the camera sees it."""
+    """Project the mesh into the camera."""
     count = len(vertices)
     at, corners, *matrices = as_arrays(vertices, faces, camera.K, camera.world2cam)
     mesh = ProjectedMesh(np.empty((count, 2), np.float32), np.empty(count, np.float32), corners)
@@ -59,7 +59,7 @@ class Fronts(NamedTuple):
 
 
 def find_fronts(mesh: ProjectedMesh, size_px: tuple[int, int]) -> Fronts:
-    """The first front faces of a projected mesh."""
+    """Find the first front faces of a projected mesh."""
     width, height = size_px
     depth, face = np.full(width * height, np.inf, np.float32), np.full(width * height, -1, np.int32)
     rows = np.empty((len(mesh.faces), 2), np.int32)
@@ -69,7 +69,7 @@ def find_fronts(mesh: ProjectedMesh, size_px: tuple[int, int]) -> Fronts:
 
 
 def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
-    """The crossings of the inflated mesh, and the first front face of the deflated one."""
+    """Rasterise the crossings of the inflated mesh, and the first front face of the deflated one."""
     mesh, topology, camera, surface_depth = hand[:4]
     shell = config.shell_m * mesh.scale * mesh.normals
     faces, (width, height) = topology.faces.numpy(), camera.size_px
@@ -98,7 +98,7 @@ def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
 
 
 def first_hit(hand: HandInView) -> NearestFronts:
-    """`field.sampler.first_hit` by kernels."""
+    """Compute `field.sampler.first_hit` by kernels."""
     positions_px, depth = project(hand.camera, hand.mesh.vertices)
     mesh = ProjectedMesh(positions_px.numpy(), depth.numpy(), hand.topology.faces.numpy())
     fronts = find_fronts(mesh, hand.camera.size_px)
@@ -106,7 +106,7 @@ def first_hit(hand: HandInView) -> NearestFronts:
 
 
 def live_rays(crossings: ShellCrossings, hand: HandInView) -> tuple[Tensor, Tensor, Rays]:
-    """Pixels [R] and directions [R, 3] of the rays that have anything to sample, also as the kernels take them."""
+    """Find pixels [R] and directions [R, 3] of the rays that have anything to sample, also as the kernels take them."""
     is_live = np.zeros(len(crossings.counts), np.bool_)
     in_parallel(lambda first, last: find_live(crossings, first, last, is_live), len(is_live))
     pixel = torch.as_tensor(is_live.nonzero()[0])
@@ -115,7 +115,7 @@ def live_rays(crossings: ShellCrossings, hand: HandInView) -> tuple[Tensor, Tens
 
 
 def surface_of(mesh: PosedMesh, topology: Topology) -> SurfaceTables:
-    """The posed mesh prepared for closest-point searches."""
+    """Prepare the posed mesh for closest-point searches."""
     vertices, faces, neighbours = mesh.vertices.numpy(), topology.faces.numpy(), topology.neighbours.numpy()
     shapes = np.empty((len(faces), FACE_COLUMNS), np.float32)
     around = np.empty((len(faces), FACE_COLUMNS, neighbours.shape[1] - 1), np.float32)

@@ -57,7 +57,7 @@ from .threads import in_parallel
 
 
 def skin_motion(skin: SkinTensors, pose: HandPose) -> SkinMotion:
-    """How a pose moves the vertices into the world; `skin` is that of its side."""
+    """Compute how a pose moves the vertices into the world; `skin` is that of its side."""
     theta, beta, transl, forearm = (
         np.ascontiguousarray(values, np.float32) for values in (pose.theta, pose.beta, pose.transl, pose.forearm)
     )
@@ -77,7 +77,7 @@ def skin_motion(skin: SkinTensors, pose: HandPose) -> SkinMotion:
 
 
 def posed_mesh(topology: Topology, vertices: Float[Tensor, "V 3"]) -> PosedMesh:
-    """Normals and scale of posed vertices."""
+    """Compute normals and scale of posed vertices."""
     normals = torch.empty_like(vertices, memory_format=torch.contiguous_format)
     length_m = mesh_normals(*as_arrays(vertices, topology.faces, topology.edges, normals))
     return PosedMesh(vertices, normals, length_m / topology.edge_length_m)
@@ -86,7 +86,7 @@ def posed_mesh(topology: Topology, vertices: Float[Tensor, "V 3"]) -> PosedMesh:
 def local_rotations(
     vertices: Float[Tensor, "V 3"], normals: Float[Tensor, "V 3"], frames: LocalFrames
 ) -> Float[Tensor, "V 3 3"]:
-    """Matrices from the canonical template's directions to the world's."""
+    """Compute matrices from the canonical template's directions to the world's."""
     rotations = torch.empty(len(vertices), 3, 3)
     surface_rotations(*as_arrays(vertices, normals, *frames, rotations))
     return rotations
@@ -100,7 +100,7 @@ def _add(directions: Float[Tensor, "V 3 K"], features: np.ndarray, vertices: np.
 
 
 def _of_forearm(forearm: np.ndarray, wrist: np.ndarray, rest_wrist: np.ndarray) -> np.ndarray:
-    """[3, 4] as `hand.lbs.forearm_offsets`, for a vertex that follows the forearm alone."""
+    """Compute [3, 4] as `hand.lbs.forearm_offsets`, for a vertex that follows the forearm alone."""
     turned = np.empty((3, 3), np.float32)
     rotate(forearm, turned)
     by = turned - np.eye(3, dtype=np.float32)
@@ -117,7 +117,7 @@ def detail_mesh(
     flex: Float[Tensor, " V"],
     scale: Float[Tensor, ""],
 ) -> DetailMesh:
-    """As `surface.detail_mesh.detail_mesh`."""
+    """Compute the detail mesh, as `surface.detail_mesh.detail_mesh`."""
     count = len(template.offset_m)
     values = torch.cat([motion.rest, motion.transforms.flatten(1), flex[:, None]], 1).numpy()
     for level in template.levels:
@@ -142,7 +142,7 @@ def _finer(level: SubdivisionLevel, values: np.ndarray) -> np.ndarray:
 
 
 def visible_surface(mesh: DetailMesh, camera: CameraTensors) -> PixelSurface:
-    """As `surface.detail_mesh.visible_surface`."""
+    """Find what pixels show, as `surface.detail_mesh.visible_surface`."""
     width, height = camera.size_px
     projected, pixels = projected_mesh(camera, mesh.vertices, mesh.faces), width * height
     nearest, face_at, rows = find_fronts(projected, camera.size_px)
@@ -183,7 +183,7 @@ def visible_surface(mesh: DetailMesh, camera: CameraTensors) -> PixelSurface:
 
 
 def ray_hits(mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:
-    """As `surface.ray_hits.ray_hits`."""
+    """Find where rays meet the surface, as `surface.ray_hits.ray_hits`."""
     projected = projected_mesh(camera, mesh.vertices, mesh.faces)
     fronts = find_fronts(projected, camera.size_px)
     at, of_vertices = as_arrays(pixel, mesh.normals)
@@ -196,7 +196,7 @@ def ray_hits(mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) 
 def blended(
     colours: Float[Tensor, "3 H W"], alpha: Float[Tensor, "H W"], depth: Float[Tensor, "H W"], edges: EdgePixels
 ) -> Float[Tensor, "3 H W"]:
-    """As `surface.edge_antialiasing.blended`."""
+    """Blend both parts at edges, as `surface.edge_antialiasing.blended`."""
     pixels, mixed = colours.permute(1, 2, 0).flatten(0, 1), torch.empty(len(edges.pixel), 3)
     image, out = as_arrays(pixels, alpha.flatten(), depth.flatten()), mixed.numpy()
     what = (*image, depth.shape[1], tuple(as_arrays(*edges)), np.float32(MIN_ALPHA))
@@ -207,7 +207,7 @@ def blended(
 def detailed_image(
     image: ShadingInputs, seen: PixelSurface, mesh: DetailMesh, camera: CameraTensors, maps: DetailMaps
 ) -> ShadingInputs:
-    """The image with the avatar's surface."""
+    """Replace the image's skin by the avatar's surface."""
     surface = PosedSurface(*as_arrays(mesh.vertices, mesh.normals, mesh.faces, mesh.corner_uv, mesh.flex))
     faces = VisibleFaces(*as_arrays(seen.face, seen.depth, seen.coverage, ray_origin(camera)))
     table = DetailTable(maps.table.numpy(), np.array([first for first, _ in maps.levels]), maps.resolution)
@@ -222,7 +222,7 @@ def detailed_image(
 
 
 def _beside_the_surface(normal: Tensor, maps: DetailMaps) -> BumpMapping:
-    """What the kernel fills where the surface is seen."""
+    """Make smooth bump mapping, which the kernel overwrites where the surface is seen."""
     smooth = BumpMapping.smooth(normal)
     return smooth._replace(
         surface_normal=_copy(smooth.surface_normal),

@@ -54,13 +54,13 @@ def in_parallel(run: Callable[[int, int], Any], count: int, threads: int | None 
 
 
 def kernel_threads() -> int:
-    """On how many threads kernels run."""
+    """Return on how many threads kernels run."""
     return _kernel_threads.get(0) or own_threads()
 
 
 @contextlib.contextmanager
 def threads_of_frame(pixels: int) -> Iterator[None]:
-    """A context for a frame of this many pixels. If it is small, torch has one thread within, and kernels as before.
+    """Enter the context of a frame of this many pixels. If small, torch has one thread within, and kernels as before.
 
     torch's threads sleep between operations, and waking them takes longer than many of these.
     """
@@ -77,7 +77,7 @@ def threads_of_frame(pixels: int) -> Iterator[None]:
 
 
 def on_all_threads(network: Callable[Inputs, Result]) -> Callable[Inputs, Result]:
-    """What computes with large tensors in torch, wherever it is called with as many threads as kernels have."""
+    """Wrap what computes with large tensors in torch, so that it always runs on as many threads as kernels."""
 
     def run(*args: Inputs.args, **kwargs: Inputs.kwargs) -> Result:
         few, all_of_them = torch.get_num_threads(), kernel_threads()

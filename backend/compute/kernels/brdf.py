@@ -46,13 +46,13 @@ class MirrorArrays(NamedTuple):
 
 @part
 def widened(alpha, light_radius_rad):
-    """Squared alpha of a lobe, widened by the light."""
+    """Return the squared alpha of a lobe, widened by the light."""
     return min(alpha * alpha + light_radius_rad * light_radius_rad * _QUARTER, _1)
 
 
 @part
 def fresnel(cosine, squared_index):
-    """As `light.brdf.fresnel`."""
+    """Compute the reflected share, as `light.brdf.fresnel`."""
     cosine = min(max(cosine, _0), _1)
     inside = np.sqrt(squared_index - _1 + cosine * cosine)
     less, more = inside - cosine, inside + cosine
@@ -62,7 +62,7 @@ def fresnel(cosine, squared_index):
 
 @part
 def on_nail(nail, lobes):
-    """Squared alpha of the first lobe."""
+    """Return the squared alpha of the first lobe."""
     alpha = lobes.alpha[0] + (lobes.nail_alpha - lobes.alpha[0]) * nail
     return alpha * alpha
 
@@ -88,7 +88,7 @@ def ggx(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, squar
 
 @part
 def bump_shadowing(facing, x, y, z, along, surface_normal):
-    """Of a light in direction (x, y, z), whose cosine to the normal is `facing`; `along`: of both normals."""
+    """Compute the share of a light in direction (x, y, z), of cosine `facing`; `along`: cosine of both normals."""
     share = x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2]
     share = min(max(share / max(facing * along, TINY), _0), _1)
     return share * (_1 + share - share * share)
@@ -96,7 +96,7 @@ def bump_shadowing(facing, x, y, z, along, surface_normal):
 
 @part
 def horizon_occlusion(above, to_eye, alpha_squared):
-    """Of a lobe; `above`: cosine of the mirrored view and the surface's normal, `to_eye`: and the bump's own."""
+    """Compute a lobe's share; `above`: cosine of mirrored view and surface's normal, `to_eye`: and the bump's own."""
     share, whole = _part_of_lobe(above, alpha_squared), _part_of_lobe(max(to_eye, _0), alpha_squared)
     return min(share / whole, _1)
 
@@ -130,7 +130,7 @@ def clamped_reflection_normal(normal, surface_normal, view, along, out):
 
 @part
 def on_square(x, y, z):
-    """(u, v) in [-1, 1] of a direction of any length but 0."""
+    """Map a direction of any length but 0 to (u, v) in [-1, 1]."""
     total = abs(x) + abs(y) + abs(z)
     u, v = x / total, y / total
     if z < _0:
@@ -144,7 +144,7 @@ SHARE, AHEAD, UP, WIDTH = range(4)
 
 @part
 def of_even_light(sky, to_eye, alpha_squared):
-    """What a lobe reflects of light of 1 from everywhere."""
+    """Compute what a lobe reflects of light of 1 from everywhere."""
     row, below = _row(sky, alpha_squared)
     at, over = _column(sky, to_eye)
     return _mixed(sky.lobes, row, below, at, over, 0, SHARE) + _mixed(sky.lobes, row, below, at, over, 1, SHARE)
@@ -170,7 +170,7 @@ def mirror(sky, normal, view, alpha_squared, gloss):
 
 @part
 def _row(sky, alpha_squared):
-    """Of the table, for a lobe, and how far below it lies."""
+    """Find the row of the table for a lobe, and how far below it lies."""
     last = len(sky.lobes) - 1
     rough = (np.sqrt(np.sqrt(alpha_squared)) - sky.least_roughness) / (_1 - sky.least_roughness)
     place = min(max(rough, _0), _1) * np.float32(last)
@@ -188,7 +188,7 @@ def _column(sky, to_eye):
 
 @part
 def _mixed(lobes, row, below, at, over, half, value):
-    """A value of an isotropic lobe, bilinear in the table."""
+    """Interpolate a value of an isotropic lobe, bilinear in the table."""
     upper = (_1 - over) * lobes[row, at, half, value] + over * lobes[row, at + 1, half, value]
     lower = (_1 - over) * lobes[row + 1, at, half, value] + over * lobes[row + 1, at + 1, half, value]
     return (_1 - below) * upper + below * lower

@@ -18,7 +18,7 @@ _ROOT = 0
 
 
 def writable_cache(configured: str) -> Path | None:
-    """The first of these folders that is the user's alone and takes files, as those of farms often do not.
+    """Find the first of these folders that is the user's alone and takes files, as those of farms often do not.
 
     Args:
         configured: numba's own setting; empty if there is none.
@@ -37,7 +37,7 @@ def _candidates(configured: str) -> Iterator[Path]:
 
 
 def _private_folder(folder: Path) -> Path | None:
-    """The folder, made if it is missing, without links above it; None: others can write to it, or it is no folder."""
+    """Return the folder, made if missing, without links above it; None: others can write to it, or it is no folder."""
     try:
         folder = folder.parent.resolve() / folder.name
         for missing in reversed([one for one in (folder, *folder.parents) if not one.exists()]):
@@ -54,17 +54,17 @@ def _private_folder(folder: Path) -> Path | None:
 
 
 def _is_safe_above(info: os.stat_result) -> bool:
-    """Whether others cannot replace what lies in a folder; temporary folders have a bit that forbids it."""
+    """Return whether others cannot replace what lies in a folder; temporary folders have a bit that forbids it."""
     return info.st_uid in (_ROOT, _user()) and (not _is_open(info) or bool(info.st_mode & stat.S_ISVTX))
 
 
 def _is_open(info: os.stat_result) -> bool:
-    """Whether others can write, or a group that is not the user's own one."""
+    """Return whether others can write, or a group that is not the user's own one."""
     return bool(info.st_mode & stat.S_IWOTH) or bool(info.st_mode & stat.S_IWGRP and not _is_own_group(info.st_gid))
 
 
 def _is_own_group(group: int) -> bool:
-    """Whether the group is named after the user and has no other member, as Linux distributions make one a user."""
+    """Return whether the group is named after the user and has no other member, as Linux distributions make one."""
     import grp
     import pwd
 
@@ -76,7 +76,7 @@ def _is_own_group(group: int) -> bool:
 
 
 def _user() -> int:
-    """The user's number; Windows has none."""
+    """Return the user's number; Windows has none."""
     return os.getuid() if hasattr(os, "getuid") else 0
 
 

@@ -21,17 +21,17 @@ _UNCOUNTED = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function as machine code, with strict floating-point arithmetic."""
+    """Compile the function to machine code, with strict floating-point arithmetic."""
     return _compiled(function, fastmath=False)
 
 
 def compiled_loosely(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function as machine code that may reorder sums and contract products: for features, not for geometry."""
+    """Compile the function to machine code that may reorder sums and contract products: for features, not geometry."""
     return _compiled(function, fastmath=_LOOSE)
 
 
 def compiled_part(function: Callable[..., Any]) -> Callable[..., Any]:
-    """As `compiled`, of a function that kernels call and that makes no arrays: references are not counted in it.
+    """Compile as `compiled` a function that kernels call and that makes no arrays: references are not counted in it.
 
     Counting takes a third of the march's time. A numba without the option counts them.
     """
@@ -39,7 +39,7 @@ def compiled_part(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def compiled_part_loosely(function: Callable[..., Any]) -> Callable[..., Any]:
-    """As `compiled_loosely` and `compiled_part`."""
+    """Compile as `compiled_loosely` and `compiled_part` do."""
     return _compiled(function, fastmath=_LOOSE, **_UNCOUNTED)
 
 
@@ -52,7 +52,7 @@ def _compiled(function: Callable[..., Any], fastmath: bool | set[str], **options
 
 @contextlib.contextmanager
 def disk_cache() -> Iterator[bool]:
-    """Inside the context, numba keeps the machine code of new functions on disk; yields whether it can.
+    """Let numba keep the machine code of new functions on disk inside the context; yields whether it can.
 
     numba checks only the file of the kernel itself, and would run old code when a kernel calls a changed one from
     another file, so the folder is named after the text of all kernels. It is also named after this package, because a
@@ -69,7 +69,7 @@ def disk_cache() -> Iterator[bool]:
 
 
 def kernel_folder() -> Path | None:
-    """Where machine code is kept; None: nowhere."""
+    """Return where machine code is kept; None: nowhere."""
     return _cache_folder(config.__dict__["CACHE_DIR"])
 
 

@@ -20,13 +20,13 @@ _COLOURS = 3  # where the coefficients of colours begin, RGB three times
 _COLOURED = 3
 _GLOSS = 12  # where that of both lobes begins
 _BLOCK = 64
-# Rows of a block. Of the faces' corners: place, u and v, normal and bend of the skin.
+# Rows of a block. Of the faces' corners: position, u and v, normal and bend of the skin.
 _A, _B, _C, _CORNER = 0, 9, 18, 9
 _UV, _NORMAL, _FLEX = 3, 5, 8
 _VIEW, _DEPTH = 27, 30
 # How the shares of corners b and c grow along the face; what u and v are there against the first corner's.
 _ALONG_B, _ALONG_C, _UV_B, _UV_C = 31, 34, 37, 39
-# Place in the maps, a step along the tilt of the face, cosine of view and face, bend, the surface's normal.
+# Position in the maps, a step along the tilt of the face, cosine of view and face, bend, the surface's normal.
 _U, _V, _STEP, _COSINE, _BENT, _SURFACE = 41, 42, 43, 45, 46, 47
 _SLOPES_AT, _BLURRED_AT = 50, 56  # slopes that were read, sharp and blurred
 _BUMPED, _BLURRED = 62, 65  # normals
@@ -323,7 +323,7 @@ def _finish(image, constants, rows, index, pixel, values, coverage):
 
 @part
 def _add_sample(maps, u, v, level, weight, values):
-    """Add the values at a place between two levels, in stored steps, times a weight."""
+    """Add the values at a point between two levels, in stored steps, times a weight."""
     level = min(max(level, _0), np.float32(len(maps.first) - 1))
     fine = int(level)
     share = level - np.float32(fine)

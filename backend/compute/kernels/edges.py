@@ -22,8 +22,8 @@ class PartMarks(NamedTuple):
     """Which of P pixels show two parts of a surface of M faces (`surface.edge_antialiasing`).
 
     Attributes:
-        between: [P] a depth between both parts, m; 0: depths do not tell any apart.
-        part: [P] a bone of one of two parts; -1: bones do not tell any apart.
+        between: [P] a depth between both parts, m; 0: depths separate none.
+        part: [P] a bone of one of two parts; -1: bones separate none.
         bone_of_face: [M].
         apart: [B, B] whether two bones are of two parts.
     """
@@ -122,7 +122,7 @@ def mark_parts(nearest, face_at, width, height, step_m, step_per_m, first_row, l
 
 @part
 def _first_apart(bones, x, own, apart):
-    """The first bone, row by row, that is apart from a pixel's own among the nine around it; -1: none is."""
+    """Find the first bone, row by row, that is apart from a pixel's own among the nine around it; -1: none is."""
     for row in range(3):
         for column in range(x, x + 3):
             bone = bones[row, column]
@@ -133,13 +133,13 @@ def _first_apart(bones, x, own, apart):
 
 @part
 def _rows_around(y, width, height):
-    """Where the rows of pixels above, at and below y begin; those of the image's rim stand for what lies beyond it."""
+    """Find where the rows of pixels above, at and below y begin; the image's rim stands for what lies beyond it."""
     return max(y - 1, 0) * width, y * width, min(y + 1, height - 1) * width
 
 
 @part
 def _repeat_ends(row):
-    """The rim of a row stands for what lies beyond it, too."""
+    """Repeat the rim of a row for what lies beyond it, too."""
     last = len(row) - 1
     row[0], row[last] = row[1], row[last - 1]
 
@@ -177,7 +177,7 @@ def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, bi
 
 @part
 def _edges(corners, px, py):
-    """Twice the signed areas, px^2, of a point and the sides of a face, opposite its corners a, b and c."""
+    """Compute twice the signed areas, px^2, of a point and the sides of a face, opposite its corners a, b and c."""
     ax, ay, bx, by, cx, cy = corners
     wa = (cx - bx) * (py - by) - (cy - by) * (px - bx)
     wb = (ax - cx) * (py - cy) - (ay - cy) * (px - cx)
@@ -245,7 +245,7 @@ def depth_at_rim(nearest, coverage, width, height, first_row, last_row, depth):
 
 @part
 def _is_first(depth, face, between, bone, marks):
-    """Whether a fragment is of the first part, as `surface.edge_antialiasing` has it."""
+    """Return whether a fragment is of the first part, as `surface.edge_antialiasing` has it."""
     if between > _0:
         return depth < between
     return face >= 0 and not marks.apart[marks.bone_of_face[face], bone]
@@ -253,7 +253,7 @@ def _is_first(depth, face, between, bone, marks):
 
 @compiled
 def edge_shares(pixel, seen, marks, samples, taps, first, last, share, shows_first):
-    """Fill of slots [first, last) what `surface.edge_antialiasing.EdgePixels` tells.
+    """Fill `surface.edge_antialiasing.EdgePixels` for slots [first, last).
 
     `seen` is the first front faces' depth and index at pixels' centres, and the image's width and height.
     """

@@ -227,7 +227,7 @@ def write_normals(channels, relief, out, at):
 
 @part
 def _to_world(channels, offset):
-    """An offset in the canonical hand's axes, rotated into the world."""
+    """Rotate an offset in the canonical hand's axes into the world."""
     r, x, y, z = ROTATION, offset[0], offset[1], offset[2]
     world_x = channels[r] * x + channels[r + 1] * y + channels[r + 2] * z
     world_y = channels[r + 3] * x + channels[r + 4] * y + channels[r + 5] * z
@@ -249,7 +249,7 @@ def _length(directions, ray):
 
 @part
 def _density(height, gathered, field, hidden):
-    """Density per mm: one hidden layer over the first gathered features, and the prior."""
+    """Compute density per mm: one hidden layer over the first gathered features, and the prior."""
     for start in range(0, len(hidden), DENSITY_BLOCK):
         window_sums(1, 1, 2, gathered, 0, 0, 0, field.near_weight[:, :, start:], hidden[start:])
     logit = field.density_bias + field.slope * height + field.prior
@@ -276,7 +276,7 @@ def read_plane(table, start, resolution, heights, channels, u, v, height, fade, 
 
 @part
 def texel_at(position, count):
-    """(first of the two texels about a position, share of the second), kept inside the grid, NaN too."""
+    """Find (first of the two texels about a position, share of the second), kept inside the grid, NaN too."""
     position = min(max(position, _0), np.float32(count - 1))
     first = max(min(int(position), count - 2), 0)
     return first, position - np.float32(first)
@@ -284,7 +284,7 @@ def texel_at(position, count):
 
 @part
 def plane_cell(u, v, height, sizes):
-    """(where the first corner's features begin in the flat table, shares of the next in u, in v and in height)."""
+    """Find (where the first corner's features begin in the flat table, shares of the next in u, in v and in height)."""
     resolution, heights, channels = sizes
     x, fx = texel_at(u * np.float32(resolution) - _HALF, resolution)
     y, fy = texel_at(v * np.float32(resolution) - _HALF, resolution)

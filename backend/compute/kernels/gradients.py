@@ -227,14 +227,14 @@ def place_gradient(table, sizes, uv, height, fade, outward, columns, at, first, 
 
 @compiled
 def _bilinear(table, corners, offset, weights):
-    """One feature between four corners of a layer."""
+    """Interpolate one feature between four corners of a layer."""
     below = weights[0] * table[corners[0] + offset] + weights[1] * table[corners[1] + offset]
     return below + weights[2] * table[corners[2] + offset] + weights[3] * table[corners[3] + offset]
 
 
 @compiled
 def _add(gradient, to, outward, source, channels, weight):
-    """gradient[to :] += weight * outward[source :], `channels` of them."""
+    """Add weight * outward[source :] to gradient[to :], `channels` of them."""
     done = np.uintp(0)
     while done + _BLOCK <= channels:
         for k in range(_BLOCK):
@@ -247,7 +247,7 @@ def _add(gradient, to, outward, source, channels, weight):
 
 @compiled
 def _dots(table, corner, outward, source, sizes):
-    """Inner products of the features' gradient with a corner's features, and with those of the layer above."""
+    """Compute inner products of the features' gradient with a corner's features, and with those of the layer above."""
     _, heights, channels = sizes
     low = high = _0 * outward[source]
     for k in range(np.uintp(channels)):

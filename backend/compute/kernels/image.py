@@ -114,7 +114,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
         squared[0], squared[1] = on_nail(nail, lobes), image.alpha_squared[index]
         for lobe in range(2):
             even[lobe], mirrored[lobe, 0], mirrored[lobe, 1], mirrored[lobe, 2] = _0, _0, _0, _0
-            # Known skin has the second lobe alone, and its nails the first.
+            # An avatar's surface has the second lobe alone on skin, and the first on nails.
             if weights[GLOSS + lobe] > _0 or (nail > _0 if lobe == 0 else nail < _1):
                 even[lobe] = mirror(sky, mirroring, view, squared[lobe], mirrored[lobe])
         # The first lobe on nails, the second on skin: what gloss reflects does not enter.
@@ -170,7 +170,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
 
 @part
 def _bumped(normal, x, y, z, along, surface_normal):
-    """What a diffuse surface reflects of a light in direction (x, y, z)."""
+    """Compute what a diffuse surface reflects of a light in direction (x, y, z)."""
     facing = x * normal[0] + y * normal[1] + z * normal[2]
     return facing * bump_shadowing(facing, x, y, z, along, surface_normal) if facing > _0 else _0
 
@@ -223,7 +223,7 @@ def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, sha
 def step_normals(at, share, row, width, of_rays, normal, first, last, out):
     """Fill out [P, 3] for pixels [first, last) as `image.shading.normals_at_steps`.
 
-    `row` [h * w] tells which of the normals `of_rays` [R, 3] a low-resolution pixel has, -1 for none.
+    `row` [h * w] is the index among the normals `of_rays` [R, 3] of a low-resolution pixel, -1 for none.
     """
     around, even, mean = np.empty(4, np.int64), np.empty(4, np.float32), np.empty(3, np.float32)
     for index in range(first, last):
@@ -251,7 +251,7 @@ def step_normals(at, share, row, width, of_rays, normal, first, last, out):
 
 @part
 def _guided(share, depths, depth, edge_m, out):
-    """The shares of the rays at a depth, or of all if none is there."""
+    """Keep the shares of the rays at a depth, or of all if none is there."""
     total, plain = _0, _0
     for k in range(4):
         gap = (depth - depths[k]) / edge_m

@@ -1,4 +1,4 @@
-"""Light at points, as `light.lighting`, and one bounce on the skin, as `light.indirect_diffuse.indirect_diffuse`."""
+"""Light at points, as `light.lighting`, and indirect diffuse light, as `light.indirect_diffuse.indirect_diffuse`."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ FeatureArrays = namedtuple("FeatureArrays", "lamp_vectors sky_vectors sky_seen s
 
 
 class SurfelArrays(NamedTuple):
-    """P discs of skin: position and normal [3, P], area [P], and the radiance [3, P] that they shed."""
+    """P discs of skin: position and normal [3, P], area [P], and radiance [3, P]."""
 
     position: np.ndarray
     normal: np.ndarray
@@ -164,7 +164,7 @@ def _add_lit_row(total, values, lit, factor):
 
 @part
 def _scatter_row(towards, lobes, layer, depth_in_m, work, out):
-    """What arrives inside the skin from a direction."""
+    """Compute what arrives inside the skin from a direction."""
     x, y, z = towards[0], towards[1], towards[2]
     nx, ny, nz = work[_NORMAL], work[_NORMAL + 1], work[_NORMAL + 2]
     wrap, scale, rate = lobes.wrap[layer], lobes.scattered_scale[layer], _1 / (_16 * lobes.scatter_m[layer])
@@ -175,7 +175,7 @@ def _scatter_row(towards, lobes, layer, depth_in_m, work, out):
 
 @part
 def _decayed(part):
-    """exp(-16 part) = (1 / exp(part))^16, whose series is short: exact to 1e-6 where it is not next to nothing."""
+    """Compute exp(-16 part) = (1 / exp(part))^16, a short series: exact to 1e-6 where it is not next to nothing."""
     decay = _1 / (_1 + part * (_1 + part * (_HALF + part * (_SIXTH + part * _24TH))))
     decay *= decay
     decay *= decay
@@ -185,7 +185,7 @@ def _decayed(part):
 
 @part
 def _arriving_row(towards, lit, work, out):
-    """The share of light from a direction that arrives above the horizon of the relief."""
+    """Compute the share of light from a direction that arrives above the horizon of the relief."""
     x, y, z = towards[0], towards[1], towards[2]
     rx, ry, rz, facing = work[_RELIEF], work[_RELIEF + 1], work[_RELIEF + 2], work[_FACING]
     for index in range(len(lit)):
@@ -196,7 +196,7 @@ def _arriving_row(towards, lit, work, out):
 
 @part
 def _lobe_row(towards, squared_index, squared, count, eye_term, work, out):
-    """What a lobe reflects of a direction's light, if nothing hides it; as `brdf.ggx`."""
+    """Compute what a lobe reflects of a direction's light, if nothing hides it; as `brdf.ggx`."""
     x, y, z = towards[0], towards[1], towards[2]
     rx, ry, rz = work[_RELIEF], work[_RELIEF + 1], work[_RELIEF + 2]
     vx, vy, vz = work[_VIEW], work[_VIEW + 1], work[_VIEW + 2]
@@ -255,7 +255,7 @@ def _add_product(total, a, b, count):
 
 @part
 def _scatter_lamp_row(lobes, layer, rate, depth_in_m, work, strength, out):
-    """What arrives inside the skin from a sample, whose direction is another at every point."""
+    """Compute what arrives inside the skin from a sample, whose direction is another at every point."""
     x, y, z = work[_TOWARDS], work[_TOWARDS + 1], work[_TOWARDS + 2]
     nx, ny, nz = work[_NORMAL], work[_NORMAL + 1], work[_NORMAL + 2]
     wrap, scale = lobes.wrap[layer], lobes.scattered_scale[layer]
@@ -286,7 +286,7 @@ def _strength_rows(lamps, k, count, work, strength):
 
 @part
 def _emitted(along, lamps, k):
-    """Intensity of a sample, per watt, in a direction with this cosine to its axis."""
+    """Compute the intensity of a sample, per watt, in a direction with this cosine to its axis."""
     if lamps.is_area[k]:
         facing, tan_spread = max(along, _LEAST_FACING), lamps.tan_spread[k]
         tangent = np.sqrt(max(_1 / (facing * facing) - _1, _0))
@@ -307,7 +307,7 @@ def bounce(position, normal, surfels, first, last, received):
 
 @part
 def _fill_factors(position, normal, surfels, factors):
-    """The form factors of a point and all surfels; apart from their sums, so that this becomes vector instructions."""
+    """Fill the form factors of a point and all surfels; apart from their sums, to become vector instructions."""
     x, y, z = position[0], position[1], position[2]
     nx, ny, nz = normal[0], normal[1], normal[2]
     for k in range(np.uintp(len(factors))):

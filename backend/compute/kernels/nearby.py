@@ -67,7 +67,7 @@ def near_field_light(points, patches, lobes, first, last, out):
 
 @part
 def _fill_factors(position, patches, work, cells):
-    """Directions, distances and form factors without the point's own cosine; cells of the directions."""
+    """Fill directions, distances and form factors without the point's own cosine; cells of the directions."""
     at_x, at_y, at_z = position[0], position[1], position[2]
     x, y, z = work[_TOWARDS], work[_TOWARDS + 1], work[_TOWARDS + 2]
     factor, distance = work[_FACTOR], work[_DISTANCE]
@@ -89,7 +89,7 @@ def _fill_factors(position, patches, work, cells):
 
 @part
 def _hide(sky_cell, sky_weight, cells, occlusion, factor):
-    """Leave of the factors what the hand itself leaves open."""
+    """Scale the factors by the visibility of their directions past the hand itself."""
     for k in range(len(cells)):
         share, cell = _0, cells[k]
         for near in range(sky_cell.shape[1]):
@@ -129,7 +129,7 @@ def _scatter(normal, lobes, layer, work, out):
 
 @part
 def _reflect(relief, view, lobes, lobe, patches, work, out):
-    """What a lobe reflects; as `brdf.ggx`."""
+    """Compute what a lobe reflects; as `brdf.ggx`."""
     x, y, z, factor, distance = work[_TOWARDS], work[_TOWARDS + 1], work[_TOWARDS + 2], work[_FACTOR], work[_DISTANCE]
     to_eye = max(-(relief[0] * view[0] + relief[1] * view[1] + relief[2] * view[2]), GRAZING)
     alpha = lobes.alpha[lobe]

@@ -97,7 +97,7 @@ def decoder_inputs(channels, alpha, view, share, towards, normal, relief, least_
 
 @part
 def _unit(values, row, at):
-    """Three values of a row, of length 1, or zero."""
+    """Return three values of a row, of length 1, or zero."""
     x, y, z = values[row, at], values[row, at + 1], values[row, at + 2]
     inverse = _1 / max(np.sqrt(x * x + y * y + z * z), _TINY)
     return x * inverse, y * inverse, z * inverse
@@ -198,7 +198,7 @@ def quantise(source, scale, zero, runs, first, last, out):
 
 @compiled
 def convolve_hidden(source, weights, factors, bias, before, is_residual, runs, first, last, bounds, out):
-    """Rows [first, last) of a convolution to 64 channels, leaky ReLU, and the sum with `before` if it is residual.
+    """Convolve rows [first, last) to 64 channels, leaky ReLU, and the sum with `before` if the layer is residual.
 
     Sums of products are multiplied by factors [64]. Rows' bounds [h, 2] receive the least and the largest value.
     """
@@ -224,7 +224,7 @@ def convolve_hidden(source, weights, factors, bias, before, is_residual, runs, f
 
 @compiled
 def convolve_last(source, weights, factors, bias, runs, first, last, out):
-    """Rows [first, last) of the last convolution into the doubled image [2h, 2w, D], four pixels for each."""
+    """Convolve rows [first, last) by the last layer into the doubled image [2h, 2w, D], four pixels for each."""
     channels = out.shape[2]
     sums = np.empty((BLOCK, LAST_CHANNELS), weights.dtype)
     for y in range(first, last):

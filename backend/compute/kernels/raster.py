@@ -140,7 +140,7 @@ def nearest_of_rows(mesh, rows, width, first_row, last_row, nearest, face_at):
 
 @compiled
 def projected_area(positions_px, depth, a, b, c):
-    """Twice the signed area of a projected face, px^2; 0 where it is not drawn."""
+    """Compute twice the signed area of a projected face, px^2; 0 where it is not drawn."""
     if min(depth[a], depth[b], depth[c]) <= _NEAR_M:
         return _0
     abx, aby = positions_px[b, 0] - positions_px[a, 0], positions_px[b, 1] - positions_px[a, 1]
@@ -150,7 +150,7 @@ def projected_area(positions_px, depth, a, b, c):
 
 @compiled
 def covered_centres(positions_px, a, b, c, width, first_row, last_row):
-    """Columns [x0, x1) and rows [y0, y1) of the pixel centres in a face's bounding box."""
+    """Find columns [x0, x1) and rows [y0, y1) of the pixel centres in a face's bounding box."""
     ax, bx, cx = positions_px[a, 0], positions_px[b, 0], positions_px[c, 0]
     ay, by, cy = positions_px[a, 1], positions_px[b, 1], positions_px[c, 1]
     x0, x1 = _centres(min(ax, bx, cx), max(ax, bx, cx), 0, width)
@@ -160,7 +160,7 @@ def covered_centres(positions_px, a, b, c, width, first_row, last_row):
 
 @compiled
 def _centres(low, high, first, last):
-    """The pixels in [first, last) whose centres lie in [low, high], as a range."""
+    """Find the pixels in [first, last) whose centres lie in [low, high], as a range."""
     start = max(int(np.ceil(max(low - _HALF, np.float32(first)))), first)
     end = min(int(np.floor(min(high - _HALF, np.float32(last)))) + 1, last)
     return start, end
@@ -168,7 +168,7 @@ def _centres(low, high, first, last):
 
 @compiled
 def fragment_depth(positions_px, depth, a, b, c, area, x, y):
-    """Depth of a face at a pixel's centre; 0 where it does not cover it. 1/z is linear on screen."""
+    """Compute the depth of a face at a pixel's centre; 0 where it does not cover it. 1/z is linear on screen."""
     px, py = np.float32(x) + _HALF, np.float32(y) + _HALF
     ax, ay = positions_px[a, 0], positions_px[a, 1]
     bx, by = positions_px[b, 0], positions_px[b, 1]

@@ -96,7 +96,7 @@ def find_live(crossings, first, last, is_live):
 def trace_samples(rays, offsets, crossings, surface, first, last, out):
     """Place the samples of rays [first, last) and project each onto the part of the surface that holds it deepest.
 
-    `offsets` [R, N] in (0, 1) are the samples' places in the union of a ray's intervals; `out` is `TracedSamples`.
+    `offsets` [R, N] in (0, 1) are the samples' positions in the union of a ray's intervals; `out` is `TracedSamples`.
     """
     samples = offsets.shape[1]
     start, end, since, part = ray_buffers(crossings)
@@ -117,7 +117,7 @@ def trace_samples(rays, offsets, crossings, surface, first, last, out):
 
 @compiled
 def ray_buffers(crossings):
-    """Buffers of one ray: starts, ends and `since` of its intervals, and the current face of each part it entered."""
+    """Allocate a ray's buffers: starts, ends, `since` of its intervals, and the current face of each part entered."""
     capacity = crossings.depth.shape[1]
     start, end, since = np.empty(capacity, np.float32), np.empty(capacity, np.float32), np.empty(capacity, np.float32)
     return start, end, since, np.empty(capacity, np.int64)
@@ -134,7 +134,7 @@ def begin_ray(pixel, crossings, start, end, since, part):
         since[index] = start[index]
     near, far = crossings.known[pixel] - crossings.before, crossings.known[pixel] + crossings.behind
     about, is_cut = _reach(near, far, start, end, intervals)
-    if about > crossings.least_reach:  # nothing where no surface is known: `near` is infinite
+    if about > crossings.least_reach:  # nothing without an avatar's surface: `near` is infinite
         for index in range(intervals):
             start[index], end[index] = min(max(start[index], near), far), min(max(end[index], near), far)
         return intervals, about, is_stopped or is_cut
@@ -143,7 +143,7 @@ def begin_ray(pixel, crossings, start, end, since, part):
 
 @part
 def _reach(near, far, start, end, intervals):
-    """(Length of the intervals from `near` to `far`, whether any goes on behind)."""
+    """Compute (length of the intervals from `near` to `far`, whether any goes on behind)."""
     total, is_cut = _0, False
     for index in range(intervals):
         total += max(min(end[index], far) - max(start[index], near), _0)
@@ -153,7 +153,7 @@ def _reach(near, far, start, end, intervals):
 
 @part
 def point_at(rays, ray, depth):
-    """The point of a ray at a depth."""
+    """Compute the point of a ray at a depth."""
     x = rays.origin[0] + depth * rays.directions[ray, 0]
     y = rays.origin[1] + depth * rays.directions[ray, 1]
     z = rays.origin[2] + depth * rays.directions[ray, 2]
@@ -162,7 +162,7 @@ def point_at(rays, ray, depth):
 
 @part
 def deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, tried):
-    """(face, weight of b, weight of c, height m) of a sample, on the part of the surface that holds it deepest.
+    """Find (face, weight of b, weight of c, height m) of a sample, on the part of the surface that holds it deepest.
 
     Every part entered since the interval's start is tracked, from the face that `part` holds for it.
     """
@@ -202,7 +202,7 @@ def interval_list(depths, faces, count, inner, start, end):
 
 @part
 def _exit(depths, faces, count, crossing, nesting):
-    """Depth at which the nesting, given after `crossing`, returns to zero; the last crossing's if it never does."""
+    """Find the depth where nesting, given after `crossing`, returns to zero; the last crossing's if it never does."""
     while nesting > 0 and crossing + 1 < count:
         crossing += 1
         nesting += 1 if faces[crossing] >= 0 else -1
@@ -211,7 +211,7 @@ def _exit(depths, faces, count, crossing, nesting):
 
 @part
 def put_sample(offset, start, end, intervals):
-    """(interval, depth) at an offset into the union of the intervals."""
+    """Find (interval, depth) at an offset into the union of the intervals."""
     index = 0
     while index < intervals - 1 and offset > end[index] - start[index]:
         offset -= end[index] - start[index]
@@ -251,7 +251,7 @@ def gather_shapes(shapes, neighbours, first, last, around):
 
 @part
 def closest_on_part(x, y, z, face, surface, tried):
-    """(face, weight of b, weight of c, distance^2) of the surface point nearest to (x, y, z), walking from `face`.
+    """Find (face, weight of b, weight of c, distance^2) of the surface point nearest to (x, y, z), walking from `face`.
 
     `tried` [3, K] is a buffer for the neighbours' distances^2 and weights.
     """
@@ -270,7 +270,7 @@ def closest_on_part(x, y, z, face, surface, tried):
 
 @part
 def _try_neighbours(x, y, z, face, around, tried):
-    """The closest points of all of a face's neighbours: computing every one is faster than testing which are needed."""
+    """Try the closest points of all of a face's neighbours: computing all is faster than testing which are needed."""
     for slot in range(tried.shape[1]):
         ax, ay, az = around[face, 0, slot], around[face, 1, slot], around[face, 2, slot]
         bx, by, bz = around[face, 3, slot], around[face, 4, slot], around[face, 5, slot]
@@ -283,7 +283,7 @@ def _try_neighbours(x, y, z, face, around, tried):
 
 @part
 def _closest_on_face(x, y, z, face, shapes):
-    """(distance^2, weight of b, weight of c) of the face's point nearest to (x, y, z)."""
+    """Compute (distance^2, weight of b, weight of c) of the face's point nearest to (x, y, z)."""
     ax, ay, az = shapes[face, 0], shapes[face, 1], shapes[face, 2]
     bx, by, bz = shapes[face, 3], shapes[face, 4], shapes[face, 5]
     cx, cy, cz = shapes[face, 6], shapes[face, 7], shapes[face, 8]
@@ -293,7 +293,7 @@ def _closest_on_face(x, y, z, face, shapes):
 
 @part
 def _closest(px, py, pz, bx, by, bz, cx, cy, cz, d00, d01, d11, inverse):
-    """(distance^2, weight of b, weight of c) of a triangle's point nearest to p; all from corner a. No branches."""
+    """Compute (distance^2, weight of b, weight of c) of a triangle's point nearest to p, from corner a. No branches."""
     d1 = px * bx + py * by + pz * bz
     d2 = px * cx + py * cy + pz * cz
     v = (d11 * d1 - d01 * d2) * inverse
@@ -310,7 +310,7 @@ def _closest(px, py, pz, bx, by, bz, cx, cy, cz, d00, d01, d11, inverse):
 
 @part
 def _on_border(d1, d2, d00, d01, d11):
-    """Weights of b and c at the nearest point of the three edges; |p|^2, the same for all, is left out."""
+    """Compute weights of b and c at the nearest point of the three edges; |p|^2, the same for all, is left out."""
     ab = min(max(d1 / max(d00, _TINY), _0), _1)
     ab_score = ab * (ab * d00 - _2 * d1)
     ac = min(max(d2 / max(d11, _TINY), _0), _1)
@@ -330,7 +330,7 @@ def _on_border(d1, d2, d00, d01, d11):
 
 @part
 def signed_height(x, y, z, face, wb, wc, squared, surface):
-    """Distance, negative where the offset from the surface point opposes the interpolated normal."""
+    """Compute the distance, negative where the offset from the surface point opposes the interpolated normal."""
     wa = _1 - wb - wc
     vertices, normals = surface.vertices, surface.normals
     a, b, c = surface.faces[face, 0], surface.faces[face, 1], surface.faces[face, 2]

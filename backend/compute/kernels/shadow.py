@@ -65,7 +65,7 @@ def lit_share(points, faces, size, first, last, lit):
 
 @compiled
 def _unblocked(shadow, size, x, y, depth):
-    """Bilinear share of the four nearest map pixels that do not block a depth."""
+    """Compute the bilinear share of the four nearest map pixels that do not block a depth."""
     limit = np.float32(size) - np.float32(1.001)
     x, y = min(max(x - _HALF, _0), limit), min(max(y - _HALF, _0), limit)
     column, row = int(x), int(y)
@@ -106,7 +106,7 @@ def look_up_points(casters, points, first, last, lit, depth_in):
 
 @compiled
 def _window_around(casters, view, points):
-    """(x and y of the upper left corner, px, px per radius along x and y) as `MapWindows.around`."""
+    """Fit (x and y of the upper left corner, px, px per radius along x and y) as `MapWindows.around`."""
     distance, half = casters.distance[view], np.float32(casters.map_px) * _HALF
     reach = distance / np.sqrt(max(distance * distance - _1, _LEAST_SQUARED))
     if points.shape[1] == 0:
@@ -130,9 +130,9 @@ def _window_around(casters, view, points):
 
 @compiled
 def _project(casters, view, window, map_points, first, last, out):
-    """Fill out [3, last - first] with x and y, px, and depths of places [3, P] from first to last in a view's window.
+    """Fill out [3, last - first] with x and y, px, and depths of points [3, P] from first to last in a view's window.
 
-    A slice of the places would not do: its rows have a stride, and no vector instructions.
+    A slice of the points would not do: its rows have a stride, and no vector instructions.
     """
     frame, distance = casters.frames[view], casters.distance[view]
     xx, xy, xz, yx, yy, yz = frame[0, 0], frame[0, 1], frame[0, 2], frame[1, 0], frame[1, 1], frame[1, 2]

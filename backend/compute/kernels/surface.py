@@ -157,7 +157,7 @@ def _fill_frame(x, y, z, normal, frame):
 
 
 COLUMNS = 16
-"""Of a field: place at rest 3, transform 12 row by row, bend of the skin."""
+"""Of a field: position at rest 3, transform 12 row by row, bend of the skin."""
 
 
 @compiled
@@ -232,14 +232,14 @@ def mesh_points(vertices, faces, face, position, first, last, vertex, weight):
 
 @part
 def _area(vertices, start, end, x, y, z, nx, ny, nz):
-    """What the triangle of an edge and a point spans along a normal, at least 0."""
+    """Compute the area that the triangle of an edge and a point spans along a normal, at least 0."""
     cx, cy, cz = _cross(vertices, start, end, x, y, z)
     return max(cx * nx + cy * ny + cz * nz, _0)
 
 
 @part
 def _cross(vertices, start, end, x, y, z):
-    """(end - start) x (point - start)."""
+    """Compute (end - start) x (point - start)."""
     ux, uy, uz = vertices[start, 0], vertices[start, 1], vertices[start, 2]
     vx, vy, vz = vertices[end, 0] - ux, vertices[end, 1] - uy, vertices[end, 2] - uz
     x, y, z = x - ux, y - uy, z - uz

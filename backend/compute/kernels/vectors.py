@@ -26,25 +26,25 @@ _FLOATS, _WORDS = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(_WORD, LAN
 
 @cache
 def has_vectors() -> bool:
-    """Whether this processor multiplies and adds vectors of 16 numbers, in one register or in two."""
+    """Return whether this processor multiplies and adds vectors of 16 numbers, in one register or in two."""
     return _has_wide_registers() or (_has("avx2") and _has("fma"))
 
 
 @cache
 def _has_wide_registers() -> bool:
-    """Whether a vector of 16 numbers is one register, and 24 sums and their factors fit into all of them."""
+    """Return whether a vector of 16 numbers is one register, and 24 sums and their factors fit into all of them."""
     return _has("avx512f")
 
 
 @cache
 def has_int8_products() -> bool:
-    """Whether this processor multiplies int8 in fours."""
+    """Return whether this processor multiplies int8 in fours."""
     return has_vectors() and _has("avx512vnni")
 
 
 @cache
 def has_half_precision() -> bool:
-    """Whether this processor converts numbers of half precision."""
+    """Return whether this processor converts numbers of half precision."""
     return _has("f16c")
 
 
@@ -143,7 +143,7 @@ class _WindowCode:
                 self.builder.store(self.builder.load(one), self._pointer(sums, offset, self.kind), align=4)
 
     def _spread(self, word):
-        """The word in every lane."""
+        """Repeat the word in every lane."""
         nothing = ir.Constant(self.kind, ir.Undefined)
         first = self.builder.insert_element(nothing, word, ir.Constant(_WORD, 0))
         return self.builder.shuffle_vector(first, nothing, ir.Constant(_WORDS, [0] * LANES))
