@@ -45,7 +45,7 @@ Run = Callable[[argparse.Namespace], Mapping[str, Any]]
 
 
 def program() -> NoReturn:
-    """The process of the program: run the command of its arguments, and end."""
+    """Run the command of the program's arguments, and end the process."""
     run_process(main)
 
 
@@ -78,7 +78,7 @@ def _inspect(args: argparse.Namespace) -> Mapping[str, Any]:
 
 
 def _in_blender(run: Run) -> Run:
-    """The function, after a check that Blender's module is installed."""
+    """Wrap the function in a check that Blender's module is installed."""
 
     def run_in_blender(args: argparse.Namespace) -> Mapping[str, Any]:
         if importlib.util.find_spec("bpy") is None:
@@ -93,13 +93,13 @@ def _in_blender(run: Run) -> Run:
 
 
 def _silent_in_blender(run: Run) -> Run:
-    """The function, without Blender's own output."""
+    """Wrap the function to run without Blender's own output."""
     return _in_blender(blender_silenced()(run))
 
 
 @contextlib.contextmanager
 def _registered() -> Iterator[None]:
-    """A context in which LiveHand's classes are registered; it leaves those of a caller registered."""
+    """Register LiveHand's classes within; it leaves those of a caller registered."""
     import bpy
 
     from .. import register, unregister
@@ -115,7 +115,7 @@ def _registered() -> Iterator[None]:
 
 
 def _optional(module: str) -> tuple[Command, ...]:
-    """The commands of a module that not every installation has."""
+    """Return the commands of a module that not every installation has."""
     name = f"{str(__package__).removesuffix('livehand_blender')}{module}"
     try:
         return importlib.import_module(name).COMMANDS

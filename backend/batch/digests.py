@@ -12,7 +12,7 @@ _PIECE_BYTES, _PIECES = 1 << 20, 64
 
 
 def file_digest(path: Path) -> str | None:
-    """The sha256 of a file; None: it cannot be read.
+    """Hash a file with sha256; None: it cannot be read.
 
     Of a film of gigabytes it is that of its size and of 64 pieces of a MiB, the first and the last among them, with
     the prefix `pieces-`.
@@ -25,14 +25,14 @@ def file_digest(path: Path) -> str | None:
 
 
 def files_digest(paths: Iterable[Path]) -> str | None:
-    """The sha256 of the names and sizes of files, with the prefix `names-`; None: there are none."""
+    """Hash the names and sizes of files with sha256, with the prefix `names-`; None: there are none."""
     found = sorted((path.name, path.stat().st_size) for path in paths if path.is_file())
     return f"names-{hashlib.sha256(repr(found).encode()).hexdigest()}" if found else None
 
 
 @cache
 def _digest(path: Path, changed_ns: int, size: int) -> str:
-    """Computed once per file, modification time and size."""
+    """Hash a file, once per modification time and size."""
     with path.open("rb") as file:
         if size <= _WHOLE_BYTES:
             return hashlib.file_digest(file, "sha256").hexdigest()

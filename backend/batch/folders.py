@@ -51,12 +51,12 @@ def _made_ns(folder: Path, tries: int = _TRIES) -> int:
 
 
 def not_written(path: Path, reason: str) -> LiveHandError:
-    """The error for a file in such a folder that could not be saved."""
+    """Make the error for a file in such a folder that could not be saved."""
     return LiveHandError(f"{path} could not be written: {reason}; is the disk full? Run the same command again")
 
 
 def folders_of(shots: Sequence[Path], output: Path) -> dict[Path, Path]:
-    """The folder of each shot's frames: `output` itself for a single shot, otherwise a folder named after the shot.
+    """Map each shot to its frames' folder: `output` itself for a single shot, otherwise a folder named after the shot.
 
     Raises:
         LiveHandError: two shots have the same name.

@@ -47,13 +47,13 @@ class ExrPart:
         return -(-self.size_px[1] // _ROWS_PER_CHUNK[self.compression])
 
     def unpacked_size(self, chunk: int) -> int:
-        """The size of a decompressed chunk, bytes; the last one may hold fewer rows."""
+        """Return the size of a decompressed chunk, bytes; the last one may hold fewer rows."""
         rows = _ROWS_PER_CHUNK[self.compression]
         return min(rows, self.size_px[1] - chunk * rows) * self.size_px[0] * sum(self.channels.values())
 
 
 def is_finished(path: Path, size_px: tuple[int, int]) -> bool:
-    """Whether a frame exists, decodes, and has this size."""
+    """Return whether a frame exists, decodes, and has this size."""
     try:
         check_frame(path, size_px)
     except (BrokenFrameError, OSError):
@@ -118,7 +118,7 @@ def _check_chunk(data: bytes, offset: int, part: ExrPart, chunk: int, part_numbe
 
 
 def read_exr_header(data: bytes) -> tuple[list[ExrPart], int]:
-    """All parts, and the position of the first chunk table.
+    """Read all parts, and the position of the first chunk table.
 
     Raises:
         ValueError: it is not a scan-line EXR.

@@ -25,11 +25,11 @@ class FramePaths:
     frame: int
 
     def path(self, file_format: str) -> Path:
-        """The path of the frame in one format, or of its sidecar (`json`)."""
+        """Return the path of the frame in one format, or of its sidecar (`json`)."""
         return self.folder / f"{self.stem}_{self.frame:04d}.{file_format}"
 
     def missing(self, formats: Sequence[str], size_px: tuple[int, int], since_ns: int) -> list[str]:
-        """The formats whose file is missing, does not decode, has another size, or is older than `since_ns`."""
+        """List the formats whose file is missing, does not decode, has another size, or is older than `since_ns`."""
 
         def is_there(path: Path) -> bool:
             return is_finished(path, size_px) and path.stat().st_mtime_ns >= since_ns
@@ -37,11 +37,11 @@ class FramePaths:
         return [name for name in formats if not is_there(self.path(name))]
 
     def exist(self, formats: Sequence[str]) -> bool:
-        """Whether the frame has a file in each of these formats; they are not read."""
+        """Return whether the frame has a file in each of these formats; they are not read."""
         return all(self.path(name).is_file() for name in formats)
 
     def records(self, formats: Sequence[str]) -> list[FrameRecord]:
-        """The records of the frame's files, of which those in these formats may exist."""
+        """Read the records of the frame's files, of which those in these formats may exist."""
         present = [name for name in formats if self.path(name).is_file()]
         return read_records(self.path("json"), present)
 
@@ -71,7 +71,7 @@ class FrameParts:
             part.unlink(missing_ok=True)
 
     def path(self, file_format: str) -> Path:
-        """The absolute temporary path of a format; files are published in the order of these calls."""
+        """Return the absolute temporary path of a format; files are published in the order of these calls."""
         final = self._files.path(file_format)
         part = final.with_name(f".{final.stem}.{self._token}.part{final.suffix}").absolute()
         self._paths[part] = final
@@ -117,7 +117,7 @@ def _named_in_errors(path: Path) -> Iterator[None]:
 
 
 def frames_with_leftovers(folder: Path, stem: str) -> list[int]:
-    """Frames of a shot that have leases or temporary files in the folder, of live or killed processes."""
+    """List frames of a shot that have leases or temporary files in the folder, of live or killed processes."""
     leftover = re.compile(rf"\.{re.escape(stem)}_(-?\d+)\.(claim(\.\d+)?|([0-9a-f]+\.)?part\.\w+)")
     matches = (leftover.fullmatch(path.name) for path in folder.iterdir())
     return sorted({int(match[1]) for match in matches if match})

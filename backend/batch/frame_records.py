@@ -19,7 +19,7 @@ FrameRecord = dict[str, Any]
 
 
 def read_records(path: Path, present: Sequence[str]) -> list[FrameRecord]:
-    """The records in a file, each with its `formats`; none if there is no such file, or it holds something else.
+    """Read the records in a file, each with its `formats`; none if there is no such file, or it holds something else.
 
     Args:
         path: of the file.
@@ -37,18 +37,18 @@ def read_records(path: Path, present: Sequence[str]) -> list[FrameRecord]:
 
 
 def record_of(records: Sequence[FrameRecord], file_format: str) -> FrameRecord | None:
-    """The record of one of the frame's files; None if none describes it."""
+    """Find the record of one of the frame's files; None if none describes it."""
     return next((record for record in records if file_format in record["formats"]), None)
 
 
 def kept_records(records: Sequence[FrameRecord], formats: Sequence[str]) -> list[FrameRecord]:
-    """The records of the files in these formats, which stay."""
+    """Select the records of the files in these formats, which stay."""
     kept = [{**one, "formats": [name for name in one["formats"] if name in formats]} for one in records]
     return [record for record in kept if record["formats"]]
 
 
 def joined_records(kept: Sequence[FrameRecord], new: Mapping[str, Any]) -> FrameRecord:
-    """One object of the records that stay and a new one; a file that was made in the same way shares its record."""
+    """Join the records that stay and a new one; a file that was made in the same way shares its record."""
     for record in kept:
         if {**record, "formats": new["formats"]} == new:
             merged = {**record, "formats": [*record["formats"], *new["formats"]]}

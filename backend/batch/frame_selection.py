@@ -21,7 +21,7 @@ class Chunk:
     count: int
 
     def of(self, frames: Sequence[int]) -> Sequence[int]:
-        """This part of the frames; empty if there are more parts than frames."""
+        """Select this part of the frames; empty if there are more parts than frames."""
         first, last = (len(frames) * number // self.count for number in (self.number - 1, self.number))
         return frames[first:last]
 
@@ -30,7 +30,7 @@ ALL = Chunk(1, 1)
 
 
 def parse_frames(text: str) -> Sequence[int]:
-    """`1-24,30` -> frame numbers in that order, each once.
+    """Parse frame numbers such as `1-24,30`, in that order, each once.
 
     Raises:
         argparse.ArgumentTypeError: the text is malformed, or a range is empty or beyond Blender's frames.
@@ -52,7 +52,7 @@ def _parse_range(text: str) -> range:
 
 
 def parse_chunk(text: str) -> Chunk:
-    """`2/8` -> the second of eight parts.
+    """Parse a part of the frames: `2/8` is the second of eight.
 
     Raises:
         argparse.ArgumentTypeError: the text is malformed, or there is no such part.

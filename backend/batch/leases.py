@@ -40,18 +40,18 @@ class LeaseOwner(NamedTuple):
     pid: int
 
     def has_ended(self) -> bool:
-        """Whether the process is known not to run any more."""
+        """Return whether the process is known not to run any more."""
         return self.place == process_space() and not is_running(self.pid)
 
 
 def signature() -> str:
-    """What this process writes into its leases."""
+    """Return what this process writes into its leases."""
     owner = {"host": socket.gethostname(), "place": process_space(), "pid": os.getpid(), "time": time.time()}
     return json.dumps(owner)
 
 
 def read_owner(path: Path) -> LeaseOwner | None:
-    """The owner whom a lease names; None: it names none, as when it is not signed yet, or is no lease at all.
+    """Read the owner whom a lease names; None: it names none, as when it is not signed yet, or is no lease at all.
 
     Raises:
         PermissionError: this user may not read it.
@@ -139,11 +139,11 @@ class FrameLeases:
         return lease
 
     def holds(self, lease: Lease) -> bool:
-        """Whether no process has superseded the lease, as one does whose owner slept for minutes."""
+        """Return whether no process has superseded the lease, as one does whose owner slept for minutes."""
         return max(self._present(lease.frame), default=-1) == lease.generation
 
     def is_lost(self, lease: Lease) -> bool:
-        """Whether no process has a lease on the frame any more, as after the folder was deleted."""
+        """Return whether no process has a lease on the frame any more, as after the folder was deleted."""
         return not self._present(lease.frame)
 
     def release(self, lease: Lease) -> None:
@@ -159,7 +159,7 @@ class FrameLeases:
         return self._folder / f".{self._stem}_{frame:04d}.claim{suffix}"
 
     def _present(self, frame: int) -> dict[int, Path]:
-        """Generation -> file of all leases on a frame."""
+        """Map each generation of the leases on a frame to its file."""
         lease_name = re.compile(rf"{re.escape(self._path(frame, 0).name)}(?:\.(\d+))?")
         names = os.listdir(self._folder) if self._folder.is_dir() else ()
         matches = map(lease_name.fullmatch, names)
@@ -182,7 +182,7 @@ class FrameLeases:
         return True
 
     def _is_live(self, path: Path) -> bool:
-        """Whether the lease's owner may still be at work."""
+        """Return whether the lease's owner may still be at work."""
         try:
             age_s = self._age_s(path)
         except FileNotFoundError:
@@ -196,14 +196,14 @@ class FrameLeases:
         return age_s < STALE_S and not owner.has_ended()
 
     def _age_s(self, path: Path) -> float:
-        """How long ago a lease was refreshed; if its time lies in the future, as long as it was seen with that time."""
+        """Measure the age of a lease, s; if its time lies in the future, how long it was seen with that time."""
         changed_ns = path.stat().st_mtime_ns
         if self._seen.get(path, (None,))[0] != changed_ns:
             self._seen[path] = (changed_ns, time.monotonic())
         return max(self._now_s() - changed_ns / 1e9, time.monotonic() - self._seen[path][1])
 
     def _now_s(self) -> float:
-        """The time by the clock that dates the folder's files, which may be another machine's."""
+        """Read the clock that dates the folder's files, which may be another machine's."""
         with tempfile.TemporaryFile(dir=self._folder) as file:
             return os.fstat(file.fileno()).st_mtime
 

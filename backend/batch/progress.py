@@ -72,7 +72,7 @@ _NAME_OF = {kind: name for name, kind in EVENT_NAMES.items()}
 
 
 def to_record(shot: Path, event: Event) -> dict[str, Any]:
-    """An event as one JSON object; what differs is left out where nothing does."""
+    """Turn an event into one JSON object; what differs is left out where nothing does."""
     record = asdict(event)
     if not record.get("differs", True):
         del record["differs"]
@@ -82,7 +82,7 @@ def to_record(shot: Path, event: Event) -> dict[str, Any]:
 
 
 def from_record(record: dict[str, Any]) -> tuple[Path, Event]:
-    """The arguments that `to_record` was given."""
+    """Return the arguments that `to_record` was given."""
     values = {name: value for name, value in record.items() if name not in ("event", "file")}
     if "differs" in values:
         values["differs"] = tuple(values["differs"])
@@ -132,16 +132,16 @@ class ShotTally:
         return is_new
 
     def number_of(self, state: FrameState) -> int:
-        """The number of frames that ended in this state."""
+        """Count the frames that ended in this state."""
         return Counter(self.states.values())[state]
 
     @property
     def others(self) -> str | None:
-        """What to tell of frames that stay and are of another version; None if there are none."""
+        """The report on frames that stay and are of another version; None if there are none."""
         return others_message(self.differences.values())
 
     def missing(self, with_left: bool) -> str | None:
-        """Says how many frames no process has finished, including those left to another one if `with_left`."""
+        """Say how many frames no process has finished, including those left to another one if `with_left`."""
         if self.count is None:
             return "all frames are"
         done = len(self.states) - (self.number_of("left") if with_left else 0)
@@ -153,7 +153,7 @@ class ShotTally:
         return statistics.median(self._seconds) if self._seconds else 0.0
 
     def result(self, shot: Path) -> dict[str, Any]:
-        """The shot's entry in the last line of `--json`."""
+        """Return the shot's entry in the last line of `--json`."""
         return {
             "file": str(shot),
             "folder": str(self.folder),

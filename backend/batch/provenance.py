@@ -44,7 +44,7 @@ def frame_record(
     formats: Sequence[str],
     version: ShotVersion,
 ) -> dict[str, Any]:
-    """The provenance of a frame's files as a JSON object.
+    """Describe the provenance of a frame's files as a JSON object.
 
     Args:
         shot: the .blend.
@@ -83,7 +83,7 @@ def save_record(record: dict[str, Any], path: Path) -> None:
 
 @cache
 def livehand_version() -> str:
-    """The version in the manifest."""
+    """Read the version in the manifest."""
     root = str(__package__).removesuffix(".backend.batch")
     manifest = resources.files(root).joinpath("blender_manifest.toml").read_text(encoding="utf-8")
     return tomllib.loads(manifest)["version"]

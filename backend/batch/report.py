@@ -30,7 +30,7 @@ class RunReport:
         self._output, self._as_json, self._is_quiet = output, as_json, is_quiet
 
     def handler(self, shot: Path) -> EventHandler:
-        """The event handler of one shot."""
+        """Return the event handler of one shot."""
         return partial(self.add, shot)
 
     def add(self, shot: Path, event: Event) -> None:
@@ -60,7 +60,7 @@ class RunReport:
         return any(tally.errors for tally in self.tallies.values())
 
     def result(self) -> dict[str, Any]:
-        """The totals, and those of each shot."""
+        """Return the totals, and those of each shot."""
         files = [tally.result(shot) for shot, tally in self.tallies.items()]
         seconds = [file["seconds_per_frame"] for file in files if file["written"]]
         totals = {key: sum(file[key] for file in files) for key in _TOTALS}

@@ -50,7 +50,7 @@ class ShotVersion:
     settings: Mapping[str, str]
 
     def to_record(self) -> dict[str, Any]:
-        """The version as a JSON object."""
+        """Return the version as a JSON object."""
         return {
             "livehand": self.livehand,
             "blender": self.blender,
@@ -63,7 +63,7 @@ class ShotVersion:
         }
 
     def differences(self, record: Mapping[str, Any] | None) -> tuple[str, ...]:
-        """The keys in which a frame's record tells of another version; `unknown` if it tells of none."""
+        """List the keys in which a frame's record gives another version; `unknown` if it gives none."""
         version = record.get("version") if record else None
         if not isinstance(version, dict):
             return (UNKNOWN,)
@@ -71,19 +71,19 @@ class ShotVersion:
         return tuple(key for key in own if own[key] != other.get(key))
 
     def digest(self) -> str:
-        """Equal for equal versions, wherever their files lie."""
+        """Hash the version: equal for equal versions, wherever their files lie."""
         return hashlib.sha256(json.dumps(_comparable(self.to_record()), sort_keys=True).encode()).hexdigest()
 
 
 def _comparable(version: Mapping[str, Any]) -> dict[str, Any]:
-    """The record of a version without its files' places, which differ among a farm's machines."""
+    """Drop the paths of the files, which differ among a farm's machines, from the record of a version."""
     linked = version.get("linked")
     digests = sorted(map(str, linked.values())) if isinstance(linked, dict) else linked
     return {**version, "linked": digests}
 
 
 def others_message(differences: Iterable[Iterable[str]]) -> str | None:
-    """What to tell of the frames that stay, of which each differs in these keys; None if none does."""
+    """Describe the frames that stay, of which each differs in these keys; None if none does."""
     differing = [keys for keys in map(tuple, differences) if keys]
     if not differing:
         return None
@@ -99,5 +99,5 @@ def others_message(differences: Iterable[Iterable[str]]) -> str | None:
 
 
 def others_text(keys: Iterable[str]) -> str:
-    """What one frame is of, such as `of another avatar, of other settings`."""
+    """Describe what one frame is of, such as `of another avatar, of other settings`."""
     return ", ".join(f"of {_KINDS.get(key, key)}" for key in keys)

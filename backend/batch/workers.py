@@ -55,7 +55,7 @@ def run_workers(argv: Sequence[str], jobs: int, began_ns: int, report: RunReport
 
 
 def stop_with_parent() -> None:
-    """In a worker: stop as at Ctrl-C when the standard input ends, and end if that takes longer than GRACE_S."""
+    """Stop, in a worker, as at Ctrl-C when the standard input ends, and end if that takes longer than GRACE_S."""
 
     def wait() -> None:
         os.read(sys.stdin.fileno(), 1)  # a waiting buffered read would abort Python's exit
@@ -67,7 +67,7 @@ def stop_with_parent() -> None:
 
 
 def _this_program(argv: Sequence[str]) -> list[str]:
-    """The command line before the program's arguments: Python and a script or module, or Blender and `--command`."""
+    """Return the command line before the arguments: Python and a script or module, or Blender and `--command`."""
     bpy = sys.modules.get("bpy")
     executable = (bpy and bpy.app.binary_path) or sys.executable
     if argv and sys.orig_argv[-len(argv) :] == list(argv):
@@ -76,7 +76,7 @@ def _this_program(argv: Sequence[str]) -> list[str]:
 
 
 def _environment(jobs: int) -> dict[str, str]:
-    """The environment of a worker: workers share the cores, unless the user has set the numbers of threads."""
+    """Make the environment of a worker: workers share the cores, unless the user has set the numbers of threads."""
     threads = str(max(1, (os.cpu_count() or 1) // jobs))
     return dict.fromkeys(_THREAD_COUNTS, threads) | os.environ
 
@@ -106,7 +106,7 @@ def _check_version(shot: Path, report: RunReport) -> None:
 
 
 def _records(workers: Sequence[subprocess.Popen[str]]) -> Iterator[dict]:
-    """The workers' events as they arrive, until all workers have ended."""
+    """Yield the workers' events as they arrive, until all workers have ended."""
     lines: SimpleQueue[str | None] = SimpleQueue()
 
     def read(worker: subprocess.Popen[str]) -> None:

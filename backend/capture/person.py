@@ -84,7 +84,7 @@ def find_person(name_or_path: str) -> Person:
 
 
 def person_of(document: object, source: str) -> Person:
-    """The person of a JSON object with the attributes' names as keys; what it leaves out is as usual.
+    """Read the person of a JSON object with the attributes' names as keys; what it leaves out is as usual.
 
     Args:
         document: the object.

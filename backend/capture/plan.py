@@ -90,7 +90,7 @@ class CapturePlan:
         return Capture(folder, model.sha256, provenance, poses, lit.views, lit.lights)
 
     def facts(self) -> dict:
-        """Describe the plan for a capture's provenance; that of a capture in the dome does not tell of lights."""
+        """Describe the plan for a capture's provenance; that of a capture in the dome names no lights."""
         return {name: value for name, value in asdict(self).items() if (name, value) != ("lights", "dome")}
 
     def is_held_out_pose(self, index: int) -> bool:

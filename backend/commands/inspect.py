@@ -108,7 +108,7 @@ def _capture_facts(folder: Path) -> dict:
 
 
 def _surface_facts(surface: StoredSurface | None) -> dict[str, Any] | None:
-    """The person's numbers, the arrays that are the surface's own, and how sure it is of them; None: no surface."""
+    """Report the person's numbers, the arrays of the surface itself, and how certain they are; None: no surface."""
     if surface is None:
         return None
     own = {name: f"{values.dtype} {list(values.shape)}" for name, values in surface.arrays.items()}

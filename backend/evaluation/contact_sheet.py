@@ -47,7 +47,7 @@ def label_strip(text: str, width: int) -> np.ndarray:
 
 
 def tile(tiles: Sequence[np.ndarray], columns: int) -> np.ndarray:
-    """Return [H, W, 3] uint8: tiles [h, w, 3] in [0, 1] of equal size, row by row; unused places are black."""
+    """Return [H, W, 3] uint8: tiles [h, w, 3] in [0, 1] of equal size, row by row; unused cells are black."""
     height, width = tiles[0].shape[:2]
     rows = -(-len(tiles) // columns)
     sheet = np.zeros((rows * height, columns * width, 3), np.float32)

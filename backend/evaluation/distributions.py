@@ -51,7 +51,7 @@ class FeatureNetwork(Protocol):
         ...
 
     def __call__(self, image: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]) -> ImageFeatures:
-        """Features of an sRGB-encoded image on black; `hand`: the true hand's pixels."""
+        """Compute features of an sRGB-encoded image on black; `hand`: the true hand's pixels."""
         ...
 
 
@@ -69,7 +69,7 @@ class HandVggFeatures:
 
     @torch.inference_mode()
     def __call__(self, image: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]) -> ImageFeatures:
-        """As the protocol."""
+        """Compute features as the protocol says."""
         device = self._network.mean.device
         deepest = self._network.features(image.permute(2, 0, 1)[None].float().to(device))[-1][0].double().cpu()
         share = avg_pool2d(hand[None].double(), 4)[0]
@@ -89,7 +89,7 @@ class WholeInceptionFeatures:
 
     @torch.inference_mode()
     def __call__(self, image: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]) -> ImageFeatures:
-        """As the protocol; the hand is not marked out."""
+        """Compute features as the protocol says; the hand is not marked out."""
         device = next(self._network.parameters()).device
         found = self._network(image.permute(2, 0, 1)[None].float().to(device))[0].double().cpu()
         return ImageFeatures(found[None], found)
@@ -184,7 +184,7 @@ class Moments:
         return cls(len(x), x.sum(0), x.T @ x)
 
     def __add__(self, other: Moments) -> Moments:
-        """Of both sets together."""
+        """Merge the moments of both sets."""
         return Moments(self.number + other.number, self.total + other.total, self.outer + other.outer)
 
     @property

@@ -14,7 +14,7 @@ class LoopStep(NamedTuple):
 
     Attributes:
         row, column, value: [K] entries of the matrix [N, V] that maps any field of the V vertices to the N finer ones;
-            equal places add up, rows sum to 1. The old vertices come first, then one vertex per edge.
+            duplicates add up, rows sum to 1. The old vertices come first, then one vertex per edge.
         faces: [4 F, 3] the three corner faces of all, then the middle ones.
         vertex_count: N.
     """

@@ -108,7 +108,7 @@ class HandParts:
 
 
 def relieved_angles(parts: HandParts, model: HandModel, angles_deg: np.ndarray, axes: FingerAxes) -> np.ndarray:
-    """Joint angles [15, 3] deg near those given, in which parts of the mean hand touch without passing through.
+    """Relieve joint angles [15, 3] deg: find near ones in which parts of the mean hand touch without passing through.
 
     Gauss-Newton steps on the depths, held back by the change of angles; the fold at a digit's root does not count. The
     best step is returned, which is never deeper than the angles given. Free angles stay within their limits, or as

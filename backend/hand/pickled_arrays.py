@@ -22,7 +22,7 @@ class RestrictedUnpickler(pickle.Unpickler):
     """An unpickler that allows only the given globals and replaces them by stand-ins."""
 
     def __init__(self, file: BufferedIOBase, allowed: Mapping[str, Any], refusal: str):
-        """`refusal` is the message about any other global, with {} for its name."""
+        """Allow these globals only; `refusal` is the message about any other one, with {} for its name."""
         super().__init__(file, encoding="latin1")
         self._allowed, self._refusal = allowed, refusal
 
@@ -61,7 +61,7 @@ class Dtype(Stub):
     code: str
 
     def __new__(cls, code: Any, *_flags: Any) -> Dtype:
-        """From one of numpy's codes of plain numbers."""
+        """Make it from one of numpy's codes of plain numbers."""
         require(
             isinstance(code, str) and _NUMBER_CODE.fullmatch(code) is not None,
             f"arrays must hold plain numbers, got dtype {code!r}; object arrays can run code and are refused",
@@ -89,7 +89,7 @@ class Array(Stub):
     """`numpy.core.multiarray._reconstruct(ndarray, (0,), 'b')`: an empty array whose state follows."""
 
     def __new__(cls, kind: Any, *_placeholder: Any) -> Array:
-        """From numpy's own class, empty."""
+        """Make it from numpy's own class, empty."""
         require(kind is ArrayKind, f"arrays must be of numpy's own class, got {kind!r}")
         return object.__new__(cls)
 

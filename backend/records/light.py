@@ -22,7 +22,7 @@ _ROTATION_TOLERANCE = 1e-4
 
 @dataclass(frozen=True)
 class Lamp:
-    """One lamp. Its axes are Blender's: it shines along its own -Z.
+    """One lamp. Its axes are Blender's: it emits along its own -Z.
 
     Attributes:
         kind: which of the attributes below it uses.
@@ -70,7 +70,7 @@ class Lamp:
 
     @property
     def direction(self) -> np.ndarray:
-        """[3] unit direction in which it shines, world."""
+        """[3] unit direction in which it emits, world."""
         return -self.rotation[:, 2]
 
 
@@ -157,7 +157,7 @@ class Light:
         lamps: in any order.
         sky: of the world; None: black.
         occluders: [T, 3, 3] corners of the scene's triangles that may shadow the hand, world, m.
-        occluder_albedo: [T, 3] of these, as if they were diffuse: they shed light on the hand; [0, 3]: they are black.
+        occluder_albedo: [T, 3] of these, as if they were diffuse, for indirect light on the hand; [0, 3]: all black.
         measured: what a path tracer found on the bare hand of the same frame, which corrects all of the above; None: it
             was not asked.
         shadow_quality: how many steps the edges of soft shadows have. A frame that is kept shows steps that nobody sees
@@ -190,7 +190,7 @@ class Light:
 
     @property
     def is_dark(self) -> bool:
-        """Whether nothing shines; what was measured does not count."""
+        """Whether nothing emits; what was measured does not count."""
         sky = 0.0 if self.sky is None else np.max(self.sky.radiance)
         return not (sky > 0 or any(np.max(lamp.rgb) > 0 for lamp in self.lamps))
 

@@ -1,7 +1,7 @@
 """Retargets another rig's motion to theta and transl of a hand model: its bones point where the rig's do.
 
 The rest poses tell how each bone is turned about itself. A rest pose that is no hand's (fingers that point anywhere, as
-in files of trackers) tells nothing; then the joints' places in each frame do.
+in files of trackers) tells nothing; then the joints' positions in each frame do.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def retarget(source: SourceMotion, alignment: RestAlignment) -> HandMotion:
 
 
 def _by_positions(source: SourceMotion, nodes: np.ndarray, ends: np.ndarray, alignment: RestAlignment) -> HandMotion:
-    """Compute the motion from the joints' places alone."""
+    """Compute the motion from the joints' positions alone."""
     nodes = _with_tips(nodes, ends)
     hand = HandAtRest.of(alignment.model, alignment.shape)
     placed = [place_hand(hand, *pose) for pose in zip(nodes, ends, strict=True)]

@@ -20,7 +20,7 @@ class CameraDevice(NamedTuple):
 
 
 def camera_device(name: str) -> CameraDevice:
-    """The camera of a number, as `0`, or of a name: a device's file in Linux, what Windows and macOS call it there.
+    """Find the camera of a number, as `0`, or of a name: a device file in Linux, its name in Windows and macOS.
 
     Raises:
         LiveHandError: it cannot be a camera's name.

@@ -26,7 +26,7 @@ from .thread_limits import allow_cpu_for_mps, limit_spinning
 
 @contextlib.contextmanager
 def blender_silenced() -> Generator[None, None, None]:
-    """Inside the context, nothing reaches stdout, such as Blender's `Fra:1 Mem:...`; stderr is not changed.
+    """Keep anything from reaching stdout within, such as Blender's `Fra:1 Mem:...`; stderr is not changed.
 
     C code writes most of that to file descriptor 1; operators report to Python's `sys.stdout`.
     """
@@ -129,7 +129,7 @@ MOST_PIXELS = 1 << 27
 
 
 def parse_size_px(text: str, smallest: int = 4) -> tuple[int, int]:
-    """`334x512` -> (width, height), as an argument's type; 4 and 65536 are Blender's own limits of a side."""
+    """Parse (width, height), as `334x512`, as an argument's type; 4 and 65536 are Blender's own limits of a side."""
     match = re.fullmatch(r"(\d+)[xX](\d+)", text.strip())
     if not match or not all(smallest <= int(side) <= 65536 for side in match.groups()):
         raise argparse.ArgumentTypeError(
@@ -142,7 +142,7 @@ def parse_size_px(text: str, smallest: int = 4) -> tuple[int, int]:
 
 
 def parse_count(text: str, smallest: int = 1) -> int:
-    """A whole number from `smallest`, as an argument's type."""
+    """Parse a whole number from `smallest`, as an argument's type."""
     if not text.isdecimal() or int(text) < smallest:
         raise argparse.ArgumentTypeError(f"must be a whole number from {smallest}, got {text!r}")
     return int(text)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure.
+    """Create an empty figure.
 
     Raises:
         LiveHandError: matplotlib is not installed.

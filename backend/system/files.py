@@ -22,7 +22,7 @@ from .processes import has_ended, process_name
 
 
 def data_folder() -> Path:
-    """The folder of all programs' data: `XDG_DATA_HOME`, or the system's own place."""
+    """Return the folder of all programs' data: `XDG_DATA_HOME`, or the system's own."""
     if configured := os.environ.get("XDG_DATA_HOME"):
         return Path(configured)
     if sys.platform == "win32":
@@ -36,7 +36,7 @@ MIB = 1 << 20
 
 
 def check_regular(path: Path, most_bytes: int | None = None) -> int:
-    """The size of a file, in bytes.
+    """Return the size of a file, in bytes, after a check that it is a regular one.
 
     Raises:
         LiveHandError: it is missing, no regular file, or larger than `most_bytes`.
@@ -56,7 +56,7 @@ def check_regular(path: Path, most_bytes: int | None = None) -> int:
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a regular file, also for paths that no file can have."""
+    """Return whether there is a regular file, also for paths that no file can have."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -64,7 +64,7 @@ def is_file(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether there is a folder, also for paths that none can have."""
+    """Return whether there is a folder, also for paths that none can have."""
     try:
         return path.is_dir()
     except (OSError, ValueError):
@@ -72,7 +72,7 @@ def is_folder(path: Path) -> bool:
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
-    """The content of a file.
+    """Read the content of a file.
 
     Raises:
         LiveHandError: as `check_regular`, or it cannot be read, or it grew while it was.
@@ -99,7 +99,7 @@ def _reason(error: Exception) -> str:
 
 
 def inner_path(folder: Path, name: object, follows_links: bool = False) -> Path:
-    """The path of a name in a folder.
+    """Return the path of a name in a folder.
 
     Args:
         folder: that must hold it.
@@ -133,7 +133,7 @@ _STALE_S = 24 * 3600.0
 
 @contextlib.contextmanager
 def replacing(path: Path, is_durable: bool = False) -> Generator[Path, None, None]:
-    """Yields an empty file with the suffix of `path`, which takes its place at the end of the block; makes the folder.
+    """Yield an empty file with the suffix of `path`, which takes its place at the end of the block; makes the folder.
 
     If the block fails, the file is removed and `path` is as before. Nobody can foresee the file's name, and it is
     created exclusively, so it is never somebody else's.
@@ -165,7 +165,7 @@ def replacing(path: Path, is_durable: bool = False) -> Generator[Path, None, Non
 
 @cache
 def _remove_leftovers(folder: Path) -> None:
-    """Once: remove the temporary files of processes that are known to have ended, and those that are a day old."""
+    """Remove, once, temporary files of processes that are known to have ended, and those that are a day old."""
     for path in folder.iterdir():
         match = _LEFTOVER.fullmatch(path.name)
         with contextlib.suppress(OSError):  # another process removes it, or it is another user's

@@ -23,7 +23,7 @@ _REMEDY = "make the image smaller or render fewer at once, or close other progra
 
 
 def memory_message(error: BaseException) -> str | None:
-    """What to tell of an error that means that memory is short; None: it means something else."""
+    """Explain an error that means that memory is short; None: it means something else."""
     text = str(error)
     is_torch = isinstance(error, RuntimeError) and any(part in text for part in _TORCH)
     if not (isinstance(error, MemoryError) or is_torch):

@@ -56,7 +56,7 @@ def field_docstrings(config: type) -> dict[str, str]:
 
 
 def number_parser(rule: str, is_allowed: Callable[[float], bool]) -> Callable[[str], float]:
-    """A parser of numbers for `Annotated`; `rule` names the allowed ones in the error message."""
+    """Make a parser of numbers for `Annotated`; `rule` names the allowed ones in the error message."""
 
     def parse(text: str) -> float:
         try:
@@ -71,13 +71,13 @@ def number_parser(rule: str, is_allowed: Callable[[float], bool]) -> Callable[[s
 
 
 def _help_text(docstring: str) -> str:
-    """The docstring in the style of a help text: no capital at the start and no full stop."""
+    """Turn a docstring into a help text: no capital at the start and no full stop."""
     text = docstring.rstrip(".").replace("%", "%%")
     return text if text[1:2].isupper() else text[:1].lower() + text[1:]
 
 
 def _conversion(annotation: Any) -> dict[str, Any]:
-    """`type`, `choices` and `metavar` of `add_argument`."""
+    """Return `type`, `choices` and `metavar` of `add_argument`."""
     if NoneType in get_args(annotation):
         (annotation,) = (member for member in get_args(annotation) if member is not NoneType)
     parse = None

@@ -35,17 +35,17 @@ REQUIREMENTS = (
 
 
 def is_installed(requirement: Requirement) -> bool:
-    """Whether this Python finds the package; it is not imported."""
+    """Return whether this Python finds the package; it is not imported."""
     return importlib.util.find_spec(requirement.module) is not None
 
 
 def missing_requirements() -> tuple[Requirement, ...]:
-    """What has to be installed before a hand can be rendered."""
+    """List what has to be installed before a hand can be rendered."""
     return tuple(requirement for requirement in REQUIREMENTS if not is_installed(requirement))
 
 
 def install_command(requirements: tuple[Requirement, ...], target: Path | None = None) -> str:
-    """The shell command that installs packages for this Python.
+    """Return the shell command that installs packages for this Python.
 
     Args:
         requirements: what to install.

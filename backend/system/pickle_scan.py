@@ -1,7 +1,7 @@
 """Bounds what a pickle may ask for before it is loaded: its opcodes are walked without running any of them.
 
 Loading can crash or fill the memory before any class is named: the hash of deeply nested tuples overflows the C stack,
-and a large memo index allocates as many places.
+and a large memo index allocates as many slots.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from pathlib import Path
 
 
 def process_space() -> str:
-    """Identifies where a process id is valid: this machine since it was started, or this container."""
+    """Identify where a process id is valid: this machine since it was started, or this container."""
     if sys.platform == "linux":
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         return f"{boot} {os.readlink('/proc/self/ns/pid')}"
@@ -27,7 +27,7 @@ def process_space() -> str:
 
 
 def is_running(pid: int) -> bool:
-    """Whether there may be such a process in this space; True on Windows, which has no harmless way to ask."""
+    """Return whether there may be such a process in this space; True on Windows, which has no harmless way to ask."""
     if os.name == "nt":
         return True
     try:
@@ -40,12 +40,12 @@ def is_running(pid: int) -> bool:
 
 
 def process_name() -> str:
-    """A name of this process for files: eight digits for its space, and its id."""
+    """Name this process for files: eight digits for its space, and its id."""
     return f"{_space_digits()}-{os.getpid()}"
 
 
 def has_ended(name: str) -> bool:
-    """Whether the process of a name from `process_name` is known not to run any more."""
+    """Return whether the process of a name from `process_name` is known not to run any more."""
     space, _, pid = name.partition("-")
     return space == _space_digits() and pid.isdecimal() and not is_running(int(pid))
 
@@ -58,14 +58,14 @@ _NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 
 
 def stop_signals() -> tuple[signal.Signals, ...]:
-    """Those of this system that are not ignored."""
+    """List those of this system that are not ignored."""
     present = (signal.Signals[name] for name in _NAMES if name in signal.Signals.__members__)
     return tuple(number for number in present if signal.getsignal(number) is not signal.SIG_IGN)
 
 
 @contextlib.contextmanager
 def on_stop_signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
-    """Inside the context, `handle` gets the number of every signal that asks to stop, in the main thread."""
+    """Call `handle` within, with the number of every signal that asks to stop, in the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -80,7 +80,7 @@ def on_stop_signals(handle: Callable[[int], None]) -> Generator[None, None, None
 
 @contextlib.contextmanager
 def stopping_as_at_ctrl_c() -> Generator[None, None, None]:
-    """Inside the context, every signal that asks to stop raises KeyboardInterrupt: Ctrl-C always, the others once."""
+    """Raise KeyboardInterrupt within for every signal that asks to stop: Ctrl-C always, the others once."""
     is_stopping = False
 
     def stop(number: int) -> None:

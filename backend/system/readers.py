@@ -34,7 +34,7 @@ _OTHERS = bytes(set(range(256)) - set(b"[]{}"))
 
 
 def read_json(path: Path, most_bytes: int = MOST_JSON_BYTES) -> Any:
-    """The document of a JSON file; whole numbers of more than 18 digits are read as floats.
+    """Read the document of a JSON file; whole numbers of more than 18 digits are read as floats.
 
     Raises:
         LiveHandError: the file is missing, damaged, too large or nested too deeply.
@@ -43,7 +43,7 @@ def read_json(path: Path, most_bytes: int = MOST_JSON_BYTES) -> Any:
 
 
 def parse_json(raw: bytes, subject: str) -> Any:
-    """The document of a text in JSON.
+    """Parse the document of a text in JSON.
 
     Raises:
         LiveHandError: as `read_json`, about the subject.
@@ -59,7 +59,7 @@ def parse_json(raw: bytes, subject: str) -> Any:
 
 
 def nesting(raw: bytes) -> int:
-    """How deeply lists and objects nest in a text, brackets within its strings aside."""
+    """Measure how deeply lists and objects nest in a text, brackets within its strings aside."""
     brackets = np.frombuffer(_TEXT.sub(b"", raw).translate(None, _OTHERS), np.uint8)
     opens = (brackets == ord("[")) | (brackets == ord("{"))
     return int(np.cumsum(np.where(opens, 1, -1)).max(initial=0))
@@ -76,7 +76,7 @@ _LONGEST_HEADER_BYTES = 1 << 16
 
 
 def read_npz(path: Path, most_bytes: int = MOST_NPZ_BYTES) -> dict[str, np.ndarray]:
-    """The arrays of a `.npz` by name.
+    """Read the arrays of a `.npz` by name.
 
     Raises:
         LiveHandError: the file is missing, damaged, too large, encrypted, or holds Python objects.
@@ -96,14 +96,14 @@ def read_npz(path: Path, most_bytes: int = MOST_NPZ_BYTES) -> dict[str, np.ndarr
 
 
 def npz_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """The compressed file of these arrays. numpy's own writer complains once more, later, about a disk that is full."""
+    """Compress arrays to a file's bytes; numpy's own writer complains once more, later, about a disk that is full."""
     file = io.BytesIO()
     np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
     return file.getvalue()
 
 
 def read_npy_header(file: BufferedIOBase) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """The shape and type of the array whose `.npy` header begins here; the file is then at its first byte.
+    """Read the shape and type of the array whose `.npy` header begins here; the file is then at its first byte.
 
     Raises:
         ValueError: it is no header.
@@ -155,7 +155,7 @@ MOST_PIXELS = 1 << 27
 
 @contextmanager
 def opened_picture(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Picture]:
-    """An image whose header has been read and checked.
+    """Open an image whose header has been read and checked.
 
     Raises:
         LiveHandError: the file is missing, no regular file, of another format, damaged, or too large; also while its

@@ -1,4 +1,4 @@
-"""What torch must be told before it is imported, and limits on its threads."""
+"""What torch must be given before it is imported, and limits on its threads."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def allow_cpu_for_mps() -> None:
 
 
 def usable_threads() -> int:
-    """As many as torch may use: `OMP_NUM_THREADS`, or the cores on which this process may run."""
+    """Count the threads that torch may use: `OMP_NUM_THREADS`, or the cores on which this process may run."""
     asked = os.environ.get("OMP_NUM_THREADS", "")
     if asked.isdecimal() and int(asked):
         return int(asked)
@@ -61,7 +61,7 @@ def own_threads() -> int:
 
 @contextlib.contextmanager
 def thread_limit(count: int) -> Generator[None, None, None]:
-    """Inside the context, torch and the kernels use `count` threads for what the calling thread asks of them."""
+    """Limit torch and the kernels, within, to `count` threads for what the calling thread asks of them."""
     import torch
 
     usual, ident = own_threads(), threading.get_ident()

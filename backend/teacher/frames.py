@@ -18,7 +18,7 @@ def swap_distal(vectors: np.ndarray) -> np.ndarray:
 
 
 def build_to_template(points: np.ndarray) -> np.ndarray:
-    """Build frame [..., 3] mm -> template [..., 3] m."""
+    """Convert the build frame [..., 3] mm to the template's [..., 3] m."""
     return (points + _TEMPLATE_OFFSET) * _MM
 
 

@@ -1,6 +1,6 @@
 """Turned square regions of a picture: where a hand is looked for, and the crop that a network sees.
 
-Pictures are uint8 [H, W, 3]; places are px, the first pixel's centre at (0.5, 0.5).
+Pictures are uint8 [H, W, 3]; positions are px, the first pixel's centre at (0.5, 0.5).
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ class HandRegion:
         return np.array([[c, -s], [s, c]])
 
     def to_px(self, shares: np.ndarray) -> np.ndarray:
-        """Places [..., 2] in the picture of shares of the square's sides, from its upper left corner."""
+        """Convert shares [..., 2] of the square's sides, from its upper left corner, to px in the picture."""
         return self.centre_px + (shares - 0.5) * self.side_px @ self.rotation.T
 
     def overlap(self, other: HandRegion) -> float:
-        """Intersection over union of both squares, as if neither was turned."""
+        """Compute the intersection over union of both squares, as if neither was turned."""
         low = np.maximum(self.centre_px - self.side_px / 2, other.centre_px - other.side_px / 2)
         high = np.minimum(self.centre_px + self.side_px / 2, other.centre_px + other.side_px / 2)
         shared = float(np.prod(np.maximum(high - low, 0)))
@@ -56,13 +56,13 @@ class HandRegion:
 def region_of_extent(
     centre_px: np.ndarray, extent_px: np.ndarray, angle_rad: float, scale: float, shift: float
 ) -> HandRegion:
-    """The square about a box [2] that is turned by an angle, scaled, and moved by a share of its height."""
+    """Make the square about a box [2] that is turned by an angle, scaled, and moved by a share of its height."""
     along = np.array([-sin(angle_rad), cos(angle_rad)])
     return HandRegion(centre_px + shift * extent_px[1] * along, scale * float(extent_px.max()), angle_rad)
 
 
 def region_of_landmarks(px: np.ndarray) -> HandRegion:
-    """Where the hand of landmarks [21, 2] is looked for in the next frame."""
+    """Predict the region in which to look for the hand of landmarks [21, 2] in the next frame."""
     index, middle, ring = px[list(_KNUCKLES)]
     ahead = _MIDDLE_SHARE * middle + (1 - _MIDDLE_SHARE) * (index + ring) / 2
     angle = upward_angle(px[_WRIST], ahead)
@@ -73,7 +73,7 @@ def region_of_landmarks(px: np.ndarray) -> HandRegion:
 
 
 def upward_angle(start_px: np.ndarray, end_px: np.ndarray) -> float:
-    """The angle of a square whose upper side lies in the direction from start to end; -pi..pi."""
+    """Compute the angle of a square whose upper side lies in the direction from start to end; -pi..pi."""
     x, y = end_px - start_px
     angle = pi / 2 - atan2(-y, x)
     return (angle + pi) % (2 * pi) - pi
@@ -82,11 +82,11 @@ def upward_angle(start_px: np.ndarray, end_px: np.ndarray) -> float:
 def cropped(
     picture: UInt8[np.ndarray, "H W 3"], region: HandRegion, side_px: int, repeats_edge: bool
 ) -> Float[Tensor, "1 3 S S"]:
-    """A region as a network's input in [0, 1]; beyond the picture it is black, or repeats the picture's edge.
+    """Crop a region to a network's input in [0, 1]; beyond the picture it is black, or repeats the picture's edge.
 
     The networks were trained on crops whose pixel (i, j) is taken at its upper left corner, from pictures whose centres
-    of pixels are whole numbers, interpolated linearly at places rounded to 1/32 px. Here too: what they answer moves by
-    whole pixels with the second digit of what they see.
+    of pixels are whole numbers, interpolated linearly at positions rounded to 1/32 px. Here too: what they answer moves
+    by whole pixels with the second digit of what they see.
     """
     patch, corner = _patch(picture, region)
     points = torch.from_numpy(_points(region, side_px) - corner)
@@ -98,7 +98,7 @@ def cropped(
 
 
 def _points(region: HandRegion, side_px: int) -> np.ndarray:
-    """[S, S, 2] in the picture of each pixel of the crop."""
+    """Compute the position [S, S, 2] in the picture of each pixel of the crop."""
     steps = np.arange(side_px) * (region.side_px / side_px)
     right, down = (steps[:, None] * axis for axis in region.rotation.T)
     points = region.to_px(np.zeros(2)) + right + down[:, None]
@@ -106,7 +106,7 @@ def _points(region: HandRegion, side_px: int) -> np.ndarray:
 
 
 def _patch(picture: np.ndarray, region: HandRegion) -> tuple[Tensor, np.ndarray]:
-    """[3, h, w] the part of the picture that holds the region, and its upper left corner: only that is converted."""
+    """Cut out the part [3, h, w] of the picture that holds the region, which alone is converted, and its corner."""
     corners = region.to_px(np.array([[0.0, 0], [0, 1], [1, 0], [1, 1]]))
     most = np.array(picture.shape[1::-1]) - 1
     low = np.clip(np.floor(corners.min(0)).astype(int) - 1, 0, most)

@@ -26,7 +26,7 @@ class FilmClock:
         self._given = 0.0
 
     def time_s(self, given_s: float | None) -> float:
-        """The time of the next frame, s; None: the file gives it none."""
+        """Return the time of the next frame, s; None: the file gives it none."""
         if given_s is None:
             given_s = (self._start or 0.0) + self._count * self._frame_s
         if self._start is None:

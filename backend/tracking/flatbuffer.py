@@ -27,33 +27,33 @@ class FlatTable:
 
     @classmethod
     def root(cls, raw: bytes) -> FlatTable:
-        """The table that the file is."""
+        """Return the table that the file is."""
         return cls(raw, _unpack("<I", raw, 0))
 
     def scalar(self, field: int, kind: str = "<i", default: int = 0) -> int:
-        """A number in `struct`'s format; the default where the file leaves it out."""
+        """Read a number in `struct`'s format; the default where the file leaves it out."""
         place = self._place(field)
         return default if place is None else _unpack(kind, self.raw, place)
 
     def table(self, field: int) -> FlatTable | None:
-        """A table below this one; None if there is none."""
+        """Return a table below this one; None if there is none."""
         place = self._place(field)
         return None if place is None else FlatTable(self.raw, place + _unpack("<I", self.raw, place))
 
     def tables(self, field: int) -> list[FlatTable]:
-        """A vector of tables; empty if there is none."""
+        """List a vector of tables; empty if there is none."""
         first, count = self._vector(field, 4)
         points = range(first, first + 4 * count, 4)
         return [FlatTable(self.raw, place + _unpack("<I", self.raw, place)) for place in points]
 
     def numbers(self, field: int, dtype: str = "<i4") -> np.ndarray:
-        """A vector of numbers; empty if there is none."""
+        """Read a vector of numbers; empty if there is none."""
         kind = np.dtype(dtype)
         first, count = self._vector(field, kind.itemsize)
         return np.frombuffer(self.raw, kind, count, first) if count else np.zeros(0, kind)
 
     def _vector(self, field: int, item_bytes: int) -> tuple[int, int]:
-        """First item's place and the number of items."""
+        """Return the first item's position and the number of items."""
         place = self._place(field)
         if place is None:
             return 0, 0

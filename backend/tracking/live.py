@@ -91,7 +91,7 @@ class LiveTracker:
             return self._has_ended and self._newest is None
 
     def newest(self) -> LiveFrame | None:
-        """The newest frame, once; None if none has come since.
+        """Return the newest frame, once; None if none has come since.
 
         Raises:
             LiveHandError: the camera was lost, or the process has died.
@@ -109,7 +109,7 @@ class LiveTracker:
             self._recorded = []
 
     def recorded(self) -> VideoSightings | None:
-        """What was kept since `record`, which ends; None if nothing was."""
+        """Return what was kept since `record`, which ends; None if nothing was."""
         with self._lock:
             kept, self._recorded = self._recorded, None
         if not kept:

@@ -38,7 +38,7 @@ class _NewestFrame:
         threading.Thread(target=self._read, name="livehand reader", daemon=True).start()
 
     def frames(self) -> Iterator[_Taken]:
-        """The newest frame, whenever it is asked for.
+        """Yield the newest frame, whenever it is asked for.
 
         Raises:
             LiveHandError: the camera was lost.
@@ -82,7 +82,7 @@ class _NewestFrame:
 
 
 def run() -> None:
-    """The process, from its arguments to its end."""
+    """Run the process, from its arguments to its end."""
     pipe = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no message
     threading.Thread(target=_end_with_parent, name="livehand parent", daemon=True).start()
@@ -137,7 +137,7 @@ def _track(order: dict[str, Any], pipe: IO[bytes]) -> None:
 
 
 def _small(picture: np.ndarray) -> np.ndarray:
-    """Every n-th pixel, at most `_SHOWN_PX` a side."""
+    """Take every n-th pixel, at most `_SHOWN_PX` a side."""
     step = -(-max(picture.shape[:2]) // _SHOWN_PX)
     return np.ascontiguousarray(picture[::step, ::step])
 

@@ -32,7 +32,7 @@ class TorchNetwork(nn.Module):
 
     @torch.inference_mode()
     def forward(self, pictures: Float[Tensor, "N 3 H W"]) -> list[Tensor]:
-        """The outputs for pictures whose values are in [0, 1]."""
+        """Compute the outputs for pictures whose values are in [0, 1]."""
         values = {self._input: pictures.contiguous(memory_format=torch.channels_last)}
         for index, (run, given, output) in enumerate(self._steps):
             values[output] = run(*(values[number] for number in given))
@@ -43,12 +43,12 @@ class TorchNetwork(nn.Module):
 
 
 def _activated(name: str) -> Callable[[Tensor], Tensor]:
-    """In place, of what was just computed."""
+    """Return the activation, which works in place on what was just computed."""
     return {"none": lambda x: x, "relu": torch.relu_, "relu6": lambda x: x.clamp_(0, 6)}[name]
 
 
 def _conv(step: dict[str, Any], weights: Sequence[np.ndarray]) -> Run:
-    """The kernel is [out, height, width, in]; of a depthwise step [1, height, width, out]."""
+    """Build a convolution; the kernel is [out, height, width, in], of a depthwise step [1, height, width, out]."""
     kernel, bias = (torch.from_numpy(array.astype(np.float32)) for array in weights)
     is_depthwise = step["kind"] == "depthwise"
     kernel = kernel.permute(*((3, 0, 1, 2) if is_depthwise else (0, 3, 1, 2)))
@@ -65,7 +65,7 @@ def _conv(step: dict[str, Any], weights: Sequence[np.ndarray]) -> Run:
 
 
 def _same_padding(x: Tensor, kernel: Sequence[int], stride: Sequence[int]) -> list[int]:
-    """Left, right, top, bottom; an odd pixel is added behind."""
+    """Compute the padding at the left, right, top and bottom; an odd pixel is added behind."""
     sides = []
     for size, width, step in zip(x.shape[:1:-1], kernel[::-1], stride[::-1], strict=True):
         total = max((-(-size // step) - 1) * step + width - size, 0)
@@ -107,7 +107,7 @@ def _reshape(step: dict[str, Any], _weights: Sequence[np.ndarray]) -> Run:
 
 
 def _concat(step: dict[str, Any], _weights: Sequence[np.ndarray]) -> Run:
-    """Only of what has been reshaped, so that axes are the file's own."""
+    """Build a concatenation, only of what has been reshaped, so that axes are the file's own."""
     return lambda *parts: torch.cat(parts, step["axis"])
 
 

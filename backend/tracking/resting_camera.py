@@ -11,7 +11,7 @@ MOST_CHANGE = 8.0
 
 
 def ground_change(pictures: Sequence[np.ndarray], covered: Sequence[np.ndarray]) -> float | None:
-    """The largest median change, of 255, from the first picture to another; None where nothing is seen in both.
+    """Compute the largest median change, of 255, from the first picture to another; None where nothing is seen in both.
 
     Args:
         pictures: uint8 [H, W, 3], frames of the footage.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def frames_of_film(video: Video) -> Iterator[VideoFrame]:
-    """The frames of a film of bounded length; where it turns out longer than it said, they end with a warning.
+    """Yield the frames of a film of bounded length; where it turns out longer than it said, they end with a warning.
 
     Raises:
         LiveHandError: it says that it is longer; before the first frame.
@@ -41,7 +41,7 @@ def _bounded(video: Video) -> Iterator[VideoFrame]:
 
 
 def filmed_take(found: VideoSightings, fps: float, fov_deg: float | None, path: Path) -> FilmedTake:
-    """What was tracked as a take.
+    """Return what was tracked as a take.
 
     Raises:
         LiveHandError: no hand was found.

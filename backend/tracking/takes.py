@@ -67,7 +67,7 @@ def track_frames(frames: Iterable[VideoFrame], tracker: HandTracker) -> VideoSig
 
 
 def put_together(frames: Iterable[FrameHands]) -> VideoSightings:
-    """What was tracked, hand by hand; finds of a few frames only are left out."""
+    """Put together what was tracked, hand by hand; hands seen in a few frames only are left out."""
     times: list[float] = []
     seen: dict[int, list[tuple[int, TrackedHand]]] = {}
     size_px = (0, 0)
@@ -82,7 +82,7 @@ def put_together(frames: Iterable[FrameHands]) -> VideoSightings:
 
 
 def by_side(tracks: Sequence[Sequence[tuple[int, TrackedHand]]]) -> dict[Side, HandSightings]:
-    """Tracks of (frame, hand) as one hand a side: a track has the side of its mean label.
+    """Join tracks of (frame, hand) to one hand a side: a track has the side of its mean label.
 
     Of two hands seen together, the less surely labelled one has the other side; a third is left out.
     """
@@ -99,7 +99,7 @@ def by_side(tracks: Sequence[Sequence[tuple[int, TrackedHand]]]) -> dict[Side, H
 
 
 def _sureness(track: Sequence[tuple[int, TrackedHand]]) -> float:
-    """How much a track's label says: its distance from none, over all frames."""
+    """Measure how much a track's label says: its distance from none, over all frames."""
     return abs(sum(hand.right - 0.5 for _, hand in track))
 
 

@@ -41,7 +41,7 @@ class Network:
 
 
 def read_network(raw: bytes) -> Network:
-    """The network in a `.tflite` file.
+    """Read the network in a `.tflite` file.
 
     Raises:
         LiveHandError: the file is damaged, or has an operator that no hand tracker uses.

@@ -24,7 +24,7 @@ _PALM_SCALE, _PALM_SHIFT = 2.6, -0.5  # of a hand's region against its palm's bo
 
 
 def find_hands(picture: UInt8[np.ndarray, "H W 3"], detector: TorchNetwork) -> list[HandRegion]:
-    """Regions of the hands in a picture, the surest first."""
+    """Find the regions of the hands in a picture, the surest first."""
     height, width = picture.shape[:2]
     whole = HandRegion(np.array([width, height]) / 2, float(max(width, height)), 0.0)
     boxes, logits = detector(cropped(picture, whole, detector.size_px, repeats_edge=False))
@@ -35,7 +35,7 @@ def find_hands(picture: UInt8[np.ndarray, "H W 3"], detector: TorchNetwork) -> l
 
 
 def merged(palms: np.ndarray, scores: np.ndarray) -> list[np.ndarray]:
-    """Weighted non-maximum suppression: overlapping finds become their mean, weighted by score.
+    """Apply weighted non-maximum suppression: overlapping detections become their mean, weighted by score.
 
     Args:
         palms: [N, 9, 2] upper left and lower right corner of the box, then the palm's points.
@@ -52,7 +52,7 @@ def merged(palms: np.ndarray, scores: np.ndarray) -> list[np.ndarray]:
 
 @cache
 def _anchors() -> np.ndarray:
-    """[2016, 2] centres, shares of the picture, row by row."""
+    """List the anchors: [2016, 2] centres, shares of the picture, row by row."""
     grids = []
     for cells, count in _GRIDS:
         rows, columns = np.divmod(np.arange(cells * cells), cells)
@@ -61,14 +61,14 @@ def _anchors() -> np.ndarray:
 
 
 def _decoded(raw: np.ndarray, anchors: np.ndarray, size_px: int) -> np.ndarray:
-    """[N, 9, 2] shares of the picture: both corners of the box, then seven points."""
+    """Decode to [N, 9, 2] shares of the picture: both corners of the box, then seven points."""
     pairs = raw.reshape(len(raw), 9, 2) / size_px
     centre, half = pairs[:, 0] + anchors, pairs[:, 1] / 2
     return np.concatenate([(centre - half)[:, None], (centre + half)[:, None], pairs[:, 2:] + anchors[:, None]], 1)
 
 
 def _overlaps(one: np.ndarray, palms: np.ndarray) -> np.ndarray:
-    """[N] intersection over union of one box with others."""
+    """Compute the intersection over union [N] of one box with others."""
     low, high = np.maximum(one[0], palms[:, 0]), np.minimum(one[1], palms[:, 1])
     shared = np.maximum(high - low, 0).prod(-1)
     both = np.prod(one[1] - one[0]) + (palms[:, 1] - palms[:, 0]).prod(-1) - shared
@@ -82,7 +82,7 @@ def _region(palm_px: np.ndarray) -> HandRegion:
 
 
 _LEAST_PRESENCE = 0.5
-_SURE_PRESENCE = 0.9  # below it, the palm is searched for too, and the surer of both places is taken
+_SURE_PRESENCE = 0.9  # below it, the palm is searched for too, and the surer of both regions is taken
 _SAME_HAND = 0.5  # overlap of two regions of one hand
 _NEAR = 0.1  # overlap of a region found anew with the one where the hand was
 _SEARCH_EVERY = 10  # frames, while a hand is tracked and another may come
@@ -111,7 +111,7 @@ class HandTracker:
             network(torch.zeros(1, 3, network.size_px, network.size_px))
 
     def track(self, picture: UInt8[np.ndarray, "H W 3"]) -> list[TrackedHand]:
-        """The hands in the next picture, sRGB.
+        """Track the hands in the next picture, sRGB.
 
         Raises:
             LiveHandError: the picture is empty.
@@ -127,7 +127,7 @@ class HandTracker:
         return self._looked_at(picture, is_searched=not was_followed)
 
     def look(self, picture: UInt8[np.ndarray, "H W 3"], region: HandRegion, track: int = 0) -> TrackedHand:
-        """What is seen in a region of a picture, whether a hand or not; its presence tells."""
+        """Look at a region of a picture, whether it shows a hand or not; the result's presence tells."""
         side = self._hand.size_px
         outputs = self._hand(cropped(picture, region, side, repeats_edge=True))
         points, presence, right, world = (output[0].numpy().astype(np.float64) for output in outputs)

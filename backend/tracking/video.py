@@ -42,7 +42,7 @@ _LEVELS = 1 << 12  # of the tables
 
 
 def tone_mapped(encoded: np.ndarray, transfer: int) -> np.ndarray:
-    """uint8 [H, W, 3] sRGB of a picture uint16 [H, W, 3] in HLG or PQ."""
+    """Tone-map a picture uint16 [H, W, 3] in HLG or PQ to uint8 [H, W, 3] sRGB."""
     linear = _table(transfer)[encoded >> 4]
     if transfer == HLG:
         scene_luminance = linear @ _LUMINANCE_2020
@@ -53,14 +53,14 @@ def tone_mapped(encoded: np.ndarray, transfer: int) -> np.ndarray:
 
 
 def _rolled_off(linear: np.ndarray) -> np.ndarray:
-    """As is up to the shoulder, then towards 1."""
+    """Keep values as they are up to the shoulder, then roll off towards 1."""
     over = np.maximum(linear - _SHOULDER, 0) / (1 - _SHOULDER)
     return np.where(linear <= _SHOULDER, linear, _SHOULDER + (1 - _SHOULDER) * over / (1 + over)).astype(np.float32)
 
 
 @cache
 def _table(transfer: int) -> np.ndarray:
-    """[4096] linear light of 12 bits: HLG's scene light in 0..1, PQ's in units of white."""
+    """Tabulate the linear light [4096] of 12 bits: HLG's scene light in 0..1, PQ's in units of white."""
     encoded = np.arange(_LEVELS) / (_LEVELS - 1)
     if transfer == HLG:
         high = (np.exp((encoded - _HLG_C) / _HLG_A) + _HLG_B) / 12
@@ -100,7 +100,7 @@ class DecodedFrame(NamedTuple):
     decoded: Any
 
     def picture(self) -> np.ndarray:
-        """uint8 [H, W, 3], upright, sRGB. Raises LiveHandError if it is too large."""
+        """Convert to uint8 [H, W, 3], upright, sRGB. Raises LiveHandError if it is too large."""
         return _upright(self.decoded)
 
 
@@ -121,7 +121,7 @@ class Video:
     device: CameraDevice | None = None
 
     def frames(self) -> Iterator[VideoFrame]:
-        """The frames in order. Where the file breaks off, they end with a warning.
+        """Yield the frames in order. Where the file breaks off, they end with a warning.
 
         Raises:
             LiveHandError: there is no frame at all, or one is too large.
@@ -130,7 +130,7 @@ class Video:
             yield VideoFrame(time_s, picture)
 
     def decoded(self) -> Iterator[DecodedFrame]:
-        """The same frames before they become pictures, so that some can be left out. Raises as `frames`."""
+        """Yield the same frames before they become pictures, so that some can be left out. Raises as `frames`."""
         for time_s, frame in self._decoded(lambda frame: frame):
             yield DecodedFrame(time_s, frame)
 
@@ -158,7 +158,7 @@ class Video:
 
 
 def open_video(path: Path) -> Video:
-    """A video file.
+    """Open a video file.
 
     Raises:
         LiveHandError: PyAV is missing, or the file is no video.
@@ -177,7 +177,7 @@ def open_video(path: Path) -> Video:
 
 
 def open_camera(name: str) -> Video:
-    """A camera of this computer by its number or name.
+    """Open a camera of this computer by its number or name.
 
     Raises:
         LiveHandError: PyAV is missing, or there is no such camera.
@@ -210,7 +210,7 @@ def _opened(path: Path, device: CameraDevice | None = None) -> av.container.Inpu
 
 
 def import_av() -> Any:
-    """PyAV's module.
+    """Import PyAV.
 
     Raises:
         LiveHandError: it is not installed.
@@ -227,7 +227,7 @@ def _errors() -> tuple[type[Exception], ...]:
 
 
 def _rate(stream: Any) -> float:
-    """Frames per second: the mean, unless jumps of the clock have spoilt it, or nothing is known."""
+    """Compute frames per second: the mean, unless jumps of the clock have spoilt it, or nothing is known."""
     mean, nominal = float(stream.average_rate or 0), float(stream.guessed_rate or 0)
     is_spoilt = mean < _LEAST_SHARE * nominal and nominal <= _MOST_NOMINAL_FPS
     rate = nominal if is_spoilt else mean or nominal
@@ -235,7 +235,7 @@ def _rate(stream: Any) -> float:
 
 
 def _count_frames(path: Path) -> int:
-    """Of a file, without decoding them."""
+    """Count the frames of a file, without decoding them."""
     with _opened(path) as container:
         try:
             return sum(packet.size > 0 for packet in container.demux(container.streams.video[0]))

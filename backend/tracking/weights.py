@@ -76,7 +76,7 @@ class TrackerNetworks:
 
 
 def tracker_folder() -> Path:
-    """Where the networks lie: `livehand/tracker` in the user's data folder.
+    """Return the folder of the networks: `livehand/tracker` in the user's data folder.
 
     Raises:
         LiveHandError: the user has no home.
@@ -88,13 +88,13 @@ def tracker_folder() -> Path:
 
 
 def has_networks(folder: Path | None = None) -> bool:
-    """Whether the networks have been fetched; they are not read."""
+    """Return whether the networks have been fetched; they are not read."""
     folder = folder or tracker_folder()
     return all(is_file(folder / part.name) for part in _PARTS)
 
 
 def load_networks(folder: Path | None = None) -> TrackerNetworks:
-    """The networks from a folder (None: the user's).
+    """Load the networks from a folder (None: the user's).
 
     Raises:
         LiveHandError: they have not been fetched, or are not the pinned ones.
@@ -159,7 +159,7 @@ def _read(path: Path) -> bytes:
 
 
 def _member(archive: zipfile.ZipFile, *names: str) -> bytes:
-    """The first of the members that the archive has."""
+    """Read the first of the members that the archive has."""
     name = next((name for name in names if name in archive.namelist()), None)
     if name is None:
         raise LiveHandError(f"the archive must hold {' or '.join(names)}, got neither; fetch it: {FETCH_COMMAND}")
@@ -169,7 +169,7 @@ def _member(archive: zipfile.ZipFile, *names: str) -> bytes:
 
 
 def _checked(part: _Part, content: bytes) -> bytes:
-    """The content.
+    """Check the content and return it.
 
     Raises:
         LiveHandError: it is not one of the pinned networks.

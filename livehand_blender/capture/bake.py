@@ -52,7 +52,7 @@ def bake_mask(surface: bpy.types.Object, name: str, path: Path) -> None:
 
 @contextlib.contextmanager
 def _bake_sampling(cycles: bpy.types.PropertyGroup) -> Iterator[None]:
-    """Emission is noise-free: within, a few samples filter the texture, and nothing is denoised."""
+    """Bake noise-free emission: within, a few samples filter the texture, and nothing is denoised."""
     before = cycles.samples, cycles.use_denoising
     cycles.samples, cycles.use_denoising = 4, False
     try:

@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> dict:
 
 
 def _hand_facts(hand: HandWithMaterials | HandModel | None, person: Person) -> dict[str, str | None]:
-    """Of the provenance: whose hand it is, and which built-in skin: captures of different skins are not mixed."""
+    """Describe whose hand it is and which built-in skin, as provenance: captures of different skins are not mixed."""
     from .skin import SkinTone
 
     tone = {"skin_tone": hashlib.sha256(repr(SkinTone.of(person)).encode()).hexdigest()[:12]}
@@ -117,7 +117,7 @@ def _plan(args: argparse.Namespace) -> CapturePlan:
 
 
 def _hand(args: argparse.Namespace) -> HandWithMaterials | HandModel | None:
-    """The hand of --hand and --look, or the model of a built-in one; None for the default hand."""
+    """Load the hand of --hand and --look, or the model of a built-in one; None for the default hand."""
     from ...backend.hand.model_file import is_builtin_hand, load_hand_model
     from .hand_materials import materials_path
     from .render import HandWithMaterials

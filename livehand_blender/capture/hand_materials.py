@@ -14,12 +14,12 @@ MODEL_KEY = "livehand_model_sha256"
 
 
 def materials_path(model_path: Path) -> Path:
-    """The path of a hand model's look, beside the model."""
+    """Return the path of a hand model's look, beside the model."""
     return model_path.with_suffix(".blend")
 
 
 def append_materials(model: HandModel, path: Path) -> bpy.types.Object:
-    """The mesh of a look's .blend, appended to the current scene.
+    """Append the mesh of a look's .blend to the current scene.
 
     Raises:
         LiveHandError: the file cannot be read, or does not contain exactly one mesh with this model's vertices.

@@ -32,7 +32,7 @@ class LightGroupPasses:
         scene.render.use_compositing = True
 
     def render(self, count: int, is_denoised: bool = True) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Alpha [h, w] and the first `count` groups [h, w, 3], premultiplied: float32, of the render's border.
+        """Render alpha [h, w] and the first `count` groups [h, w, 3], premultiplied: float32, of the render's border.
 
         They add up to Combined if they are not denoised.
         """
@@ -42,11 +42,11 @@ class LightGroupPasses:
         return alpha, [np.where(alpha[..., None] > 0, np.maximum(group, 0), 0) for group in groups]
 
     def combined(self) -> np.ndarray:
-        """[h, w, 3] Combined, not denoised, rendered alone."""
+        """Render Combined [h, w, 3] alone, not denoised."""
         return _colours(self._layers((), False)[_WHOLE])
 
     def _layers(self, groups: tuple[str, ...], is_denoised: bool) -> dict[str, dict[str, np.ndarray]]:
-        """The channels of Combined and of the groups, rendered."""
+        """Render the channels of Combined and of the groups."""
         names = (_WHOLE, *groups)
         with tempfile.TemporaryDirectory(prefix="livehand") as folder:
             self._connect(Path(folder), names, is_denoised)
@@ -82,7 +82,7 @@ def _compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
 
 
 def _set_output(file: bpy.types.Node, folder: Path, names: tuple[str, ...]) -> None:
-    """One uncompressed float OpenEXR file for each name."""
+    """Write one uncompressed float OpenEXR file for each name."""
     if _IS_GROUP:
         file.directory, file.file_name = str(folder), ""
         file.format.media_type = "IMAGE"
@@ -101,7 +101,7 @@ def _set_output(file: bpy.types.Node, folder: Path, names: tuple[str, ...]) -> N
 
 
 def _channels(folder: Path, name: str) -> dict[str, np.ndarray]:
-    """The channels of a file, whose name ends with the frame's number."""
+    """Read the channels of a file, whose name ends with the frame's number."""
     paths = list(folder.glob(f"{name}*.exr"))
     if len(paths) != 1:
         raise LiveHandError(f"Cycles must write one picture of {name}, got {len(paths)}; is the disk full?")

@@ -120,7 +120,7 @@ def _sky_image(sky: Sky) -> bpy.types.Image:
 
 
 def _map_world() -> bpy.types.World:
-    """A world that shines as an image; every texel of it is of one colour, as in `Sky`."""
+    """Make a world that emits an image; every texel of it is of one colour, as in `Sky`."""
     world = bpy.data.worlds.new("sky")
     graph = NodeGraph(enable_nodes(world))
     texture = graph.node("ShaderNodeTexEnvironment", name="Environment Texture", interpolation="Closest")

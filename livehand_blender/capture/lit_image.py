@@ -52,7 +52,7 @@ class LitImages:
             write_picture(self._capture.folder / view.file, group * view.exposure, alpha, box, camera.size_px)
 
     def _hand_box(self, view: CaptureView) -> Box:
-        """The image's part that may show the hand."""
+        """Find the image's part that may show the hand."""
         camera = view.camera
         positions_px, depth = camera.project(posed_vertices(self._hand, self._capture.poses[view.pose_index]))
         margin_px = _MARGIN_PX + _MARGIN_M * camera.K[0, 0] / depth.min() if depth.min() > _MARGIN_M else np.inf
@@ -79,7 +79,7 @@ def set_border(render: bpy.types.RenderSettings, box: Box) -> None:
 
 
 def _is_cut(alpha: np.ndarray, box: Box, size_px: tuple[int, int]) -> bool:
-    """Whether the hand reaches an edge of the box that is not the image's."""
+    """Return whether the hand reaches an edge of the box that is not the image's."""
     edges = (alpha[:, 0], box[0] > 0), (alpha[0], box[1] > 0), (alpha[:, -1], box[2] < size_px[0])
     edges = (*edges, (alpha[-1], box[3] < size_px[1]))
     return any(is_inner and edge.max() > 0 for edge, is_inner in edges)
@@ -94,7 +94,7 @@ def write_picture(path: Path, colours: np.ndarray, alpha: np.ndarray, box: Box, 
 
 
 def is_complete_picture(path: Path, size_px: tuple[int, int]) -> bool:
-    """Whether the OpenEXR file exists, can be decoded and has this size."""
+    """Return whether the OpenEXR file exists, can be decoded and has this size."""
     try:
         return read_exr(path)["A"].shape == (size_px[1], size_px[0])
     except (LiveHandError, KeyError):

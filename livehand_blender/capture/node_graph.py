@@ -11,7 +11,7 @@ Socket = Any
 
 
 def enable_nodes(owner: bpy.types.Material | bpy.types.World) -> bpy.types.NodeTree:
-    """The node tree of a new material or world."""
+    """Create the node tree of a new material or world."""
     if bpy.app.version < (5, 0, 0):  # later versions always have nodes, and warn
         owner.use_nodes = True
     return owner.node_tree
@@ -24,7 +24,7 @@ class NodeGraph:
         self.tree = tree
 
     def node(self, kind: str, **settings: Any) -> bpy.types.Node:
-        """A new node with its settings."""
+        """Add a new node with its settings."""
         node = self.tree.nodes.new(kind)
         for name, value in settings.items():
             setattr(node, name, value)
@@ -38,7 +38,7 @@ class NodeGraph:
             target.default_value = value
 
     def math(self, operation: str, a: Socket, b: Socket = None, clamp: bool = False) -> Socket:
-        """One arithmetic operation."""
+        """Add one arithmetic operation."""
         node = self.node("ShaderNodeMath", operation=operation, use_clamp=clamp)
         for value, target in zip((a, b), node.inputs, strict=False):
             if value is not None:
@@ -46,25 +46,25 @@ class NodeGraph:
         return node.outputs[0]
 
     def product(self, *factors: Socket) -> Socket:
-        """The product of all factors."""
+        """Multiply all factors."""
         result = factors[0]
         for factor in factors[1:]:
             result = self.math("MULTIPLY", result, factor)
         return result
 
     def total(self, *terms: Socket) -> Socket:
-        """The sum of all terms."""
+        """Sum all terms."""
         result = terms[0]
         for term in terms[1:]:
             result = self.math("ADD", result, term)
         return result
 
     def one_minus(self, value: Socket, clamp: bool = False) -> Socket:
-        """1 - value."""
+        """Subtract the value from 1."""
         return self.math("SUBTRACT", 1.0, value, clamp)
 
     def mix(self, factor: Socket, a: Socket, b: Socket, blend: str = "MIX") -> Socket:
-        """Colour a towards colour b; colours may be (r, g, b) linear."""
+        """Mix colour a towards colour b; colours may be (r, g, b) linear."""
         node = self.node("ShaderNodeMix", data_type="RGBA", blend_type=blend)
         self.connect(factor, node.inputs[0])
         for value, target in ((a, node.inputs[6]), (b, node.inputs[7])):
@@ -72,11 +72,11 @@ class NodeGraph:
         return node.outputs[2]
 
     def remap(self, value: Socket, from_min: float, from_max: float, to_min: float, to_max: float) -> Socket:
-        """Linear remap, clamped."""
+        """Remap linearly, clamped."""
         return self._map_range(value, (from_min, from_max, to_min, to_max), "LINEAR")
 
     def smooth(self, value: Socket, from_min: float, from_max: float, to_min: float, to_max: float) -> Socket:
-        """Smoothstep remap."""
+        """Remap by smoothstep."""
         return self._map_range(value, (from_min, from_max, to_min, to_max), "SMOOTHSTEP")
 
     def _map_range(self, value: Socket, bounds: tuple[float, ...], interpolation: str) -> Socket:
@@ -87,18 +87,18 @@ class NodeGraph:
         return node.outputs[0]
 
     def scaled(self, vector: Socket, factors: tuple[float, float, float]) -> Socket:
-        """A vector whose components are multiplied by the factors."""
+        """Multiply a vector's components by the factors."""
         node = self.node("ShaderNodeVectorMath", operation="MULTIPLY")
         self.connect(vector, node.inputs[0])
         self.connect(factors, node.inputs[1])
         return node.outputs[0]
 
     def vector_noise(self, position: Socket, scale: float, detail: float) -> Socket:
-        """Three noises with means of about 0.5, as a vector."""
+        """Add three noises with means of about 0.5, as a vector."""
         return self._noise(position, Scale=scale, Detail=detail).outputs["Color"]
 
     def moved(self, vector: Socket, by: Socket, factor: float) -> Socket:
-        """A vector, moved by another one times a factor."""
+        """Move a vector by another one times a factor."""
         node = self.node("ShaderNodeVectorMath", operation="MULTIPLY_ADD")
         self.connect(by, node.inputs[0])
         node.inputs[1].default_value = (factor,) * 3
@@ -106,11 +106,11 @@ class NodeGraph:
         return node.outputs[0]
 
     def attribute(self, name: str, output: str = "Fac") -> Socket:
-        """A mesh attribute: `Fac` or `Vector`."""
+        """Read a mesh attribute: `Fac` or `Vector`."""
         return self.node("ShaderNodeAttribute", attribute_name=name).outputs[output]
 
     def noise(self, position: Socket, scale: float, detail: float, roughness: float) -> Socket:
-        """Fractal noise with a mean of about 0.5."""
+        """Add fractal noise with a mean of about 0.5."""
         return self._noise(position, Scale=scale, Detail=detail, Roughness=roughness).outputs["Fac"]
 
     def _noise(self, position: Socket, **settings: float) -> bpy.types.Node:
@@ -121,21 +121,21 @@ class NodeGraph:
         return node
 
     def voronoi(self, position: Socket, scale: float, feature: str) -> Socket:
-        """Distance of a Voronoi pattern: `F1` to the cell's centre, `DISTANCE_TO_EDGE` to its border."""
+        """Compute the distance of a Voronoi pattern: `F1` to the cell's centre, `DISTANCE_TO_EDGE` to its border."""
         node = self.node("ShaderNodeTexVoronoi", feature=feature)
         self.connect(position, node.inputs["Vector"])
         node.inputs["Scale"].default_value = scale
         return node.outputs["Distance"]
 
     def combine(self, *channels: Socket) -> Socket:
-        """A colour of up to three channels."""
+        """Combine up to three channels to a colour."""
         node = self.node("ShaderNodeCombineColor")
         for value, target in zip(channels, node.inputs, strict=False):
             self.connect(value, target)
         return node.outputs[0]
 
     def separate(self, colour: Socket) -> tuple[Socket, Socket, Socket]:
-        """The three channels of a colour."""
+        """Separate a colour into its three channels."""
         node = self.node("ShaderNodeSeparateColor")
         self.connect(colour, node.inputs[0])
         return tuple(node.outputs)  # type: ignore[return-value]

@@ -36,7 +36,7 @@ class OwnSurface:
 
     @classmethod
     def plain(cls, model: HandModel, tone: SkinTone) -> OwnSurface:
-        """The model's faces with a plain skin material, for a hand without a look."""
+        """Make the model's faces with a plain skin material, for a hand without a look."""
         mesh = bpy.data.meshes.new("hand")
         mesh.from_pydata(model.v_template.tolist(), [], model.f.tolist())
         mesh.polygons.foreach_set("use_smooth", np.ones(len(model.f), bool))

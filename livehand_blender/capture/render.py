@@ -92,7 +92,7 @@ def render_capture(
 
 
 def _surface_of(subject: HandWithMaterials | HandModel, person: Person) -> StoredSurface | None:
-    """The surface that the capture will show, with all of its arrays; None: materials of its own are not known."""
+    """Return the surface that the capture will show, with all of its arrays; None for materials of its own."""
     known = None if isinstance(subject, HandWithMaterials) else surface_of_person(person, subject.sha256)
     return None if known is None else whole_surface(known)
 
@@ -129,7 +129,7 @@ def render_views(
 
 
 def _image_key(view: CaptureView) -> tuple:
-    """Equal for the light groups of one image."""
+    """Return a key that is equal for the light groups of one image."""
     return view.pose_index, view.camera_index, view.split
 
 
@@ -142,7 +142,7 @@ def _model_of(subject: HandWithMaterials | HandModel) -> HandModel:
 
 
 def builtin_surface(model: HandModel, person: Person, maps_folder: Path) -> SkinSurface:
-    """A person's detailed hand in the scene, with its skin; the folder gets the baked maps, or has them."""
+    """Add a person's detailed hand to the scene, with its skin; the folder gets the baked maps, or has them."""
     surface, tone = SkinSurface.create(model, detailed_surface(model), person.veins_mm), SkinTone.of(person)
     maps = bake_skin(surface.object, maps_folder, tone)
     surface.object.data.materials.append(baked_material(maps, tone))
@@ -161,7 +161,7 @@ def _render_view(scene: bpy.types.Scene, view: CaptureView, folder: Path) -> Non
 
 
 def is_complete(path: Path, view: CaptureView) -> bool:
-    """Whether the image exists, can be decoded and has its camera's size."""
+    """Return whether the image exists, can be decoded and has its camera's size."""
     width, height = view.camera.size_px
     size_px = (width, height)
     return is_complete_picture(path, size_px) if view.is_linear else is_finished(path, size_px)

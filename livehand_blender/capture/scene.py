@@ -15,7 +15,7 @@ _OPENCV_TO_BLENDER = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def capture_scene(threads: int | None = None) -> bpy.types.Scene:
-    """An empty file with a lit scene that renders transparent, denoised, exactly sRGB-encoded images."""
+    """Make an empty file with a lit scene that renders transparent, denoised, exactly sRGB-encoded images."""
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     scene.world = dome_world()
@@ -74,7 +74,7 @@ def set_camera(scene: bpy.types.Scene, camera: Camera) -> None:
 
 
 def dome_world() -> bpy.types.World:
-    """A gradient from ground to sky, and four lobes."""
+    """Make a gradient from ground to sky, and four lobes."""
     world = bpy.data.worlds.new("dome")
     graph = NodeGraph(enable_nodes(world))
     direction = graph.node("ShaderNodeTexCoord").outputs["Generated"]

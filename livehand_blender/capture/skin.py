@@ -65,7 +65,7 @@ class SkinTone:
 
     @classmethod
     def of(cls, person: Person) -> SkinTone:
-        """A person's skin: pigments absorb light exponentially, so tones are mixed by their logarithms."""
+        """Mix a person's skin: pigments absorb light exponentially, so tones are mixed by their logarithms."""
         colours = {}
         for name in _COLOURS:
             light, deep = np.log(getattr(_LIGHT, name)), np.log(getattr(_DEEP, name))
@@ -142,7 +142,7 @@ class _Noises:
 
 
 def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
-    """The skin from masks and noise; it is baked, because shading it is slow."""
+    """Build the skin from masks and noise; it is baked, because shading it is slow."""
     masks = {name: graph.attribute(name) for name in MASKS}
     nail = graph.smooth(masks["nailrim"], 1.01, 0.97, 0, 1)
     nail_roughness = 0.22 if tone.nail_polish is None else _POLISH_ROUGHNESS
@@ -162,7 +162,7 @@ def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
 
 
 def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, tone: SkinTone) -> Socket:
-    """From back to palm and forearm: patches, redness at tips and knuckles, veins, freckles, fine lines and pores."""
+    """Colour from back to palm and forearm: patches, red tips and knuckles, veins, freckles, fine lines and pores."""
     outer = graph.mix(masks["arm"], tone.dorsal, tone.forearm)
     colour = graph.mix(masks["palm"], outer, tone.palm)
     on_back = graph.one_minus(graph.product(masks["palm"], 0.55))
@@ -190,7 +190,7 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
 
 
 def _nail_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, tone: SkinTone) -> Socket:
-    """Bed, half-moon, flush and free edge along `naily` (0 root to 1 tip), cuticle and redder sides; or the polish."""
+    """Colour bed, half-moon, flush and free edge along `naily` (0 root to 1 tip), cuticle and red sides; or polish."""
     if tone.nail_polish is not None:
         return graph.mix(0.0, tone.nail_polish, tone.nail_polish)
     along, rim = masks["naily"], masks["nailrim"]
@@ -207,12 +207,12 @@ def _nail_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
 
 
 def _folds(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> tuple[Socket, Socket]:
-    """(dorsal, palmar): lines across each joint that break up into finer ones, and the creases of the palm."""
+    """Build (dorsal, palmar): lines across each joint that break up into finer ones, and the creases of the palm."""
     across = graph.scaled(noises.position, (0.25, 0.11, 0.11))  # features are drawn out across the digit
     coarse, fine = graph.noise(across, 1.0, 2, 0.5), graph.noise(across, 2.3, 2, 0.5)
 
     def lines(spacing_mm: float, wander: float, noise: Socket, sharpness: float) -> Socket:
-        """1 at the bottom of each furrow; the skin between two furrows is round."""
+        """Draw furrows, 1 at the bottom of each; the skin between two furrows is round."""
         phase = graph.total(
             graph.product(masks["tfold"], pi / spacing_mm),
             graph.product(graph.math("SUBTRACT", noise, 0.5), wander),
@@ -238,7 +238,7 @@ def _open_lines(graph: NodeGraph, noises: _Noises, factors: tuple[float, float, 
 
 
 def _fine_lines(graph: NodeGraph, position: Socket) -> Socket:
-    """1 between the fine lines of the back and low in them: borders of two nets of cells, which wander, come and go."""
+    """Draw the back's fine lines, low in them and 1 between: borders of two nets of cells that wander, come and go."""
     wandering = graph.moved(position, graph.vector_noise(position, 0.8, 1), 0.9)
     strength = graph.noise(position, 0.35, 2, 0.5)
 
@@ -250,7 +250,7 @@ def _fine_lines(graph: NodeGraph, position: Socket) -> Socket:
 
 
 def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Socket:
-    """On the back fine diamonds that are drawn out across the digits, in the palm ridges; veins and soft forms, mm."""
+    """Build the relief, mm: fine diamonds across the digits on the back, in the palm ridges; veins, soft forms."""
     cells = graph.voronoi(graph.scaled(noises.position, (1.8, 0.85, 0.85)), 1.0, EDGE)
     diamonds = graph.product(graph.smooth(cells, 0, 0.22, 0, 0.06), graph.remap(noises.mid, 0.35, 0.6, 0.6, 1))
     lines = graph.product(noises.lines, _LINES_MM)
@@ -263,7 +263,7 @@ def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Sock
 
 
 def _nail_rim(graph: NodeGraph, masks: dict[str, Socket]) -> Socket:
-    """A furrow around the plate, the skin that overlaps its root and sides, and the step at its free edge, mm."""
+    """Build a furrow around the plate, the skin that overlaps its root and sides, and the step at its free edge, mm."""
     rim, along = masks["nailrim"], masks["naily"]
     beside = graph.product(graph.smooth(rim, 0.98, 1.05, 0, 1), graph.smooth(rim, 1.6, 1.1, 0, 1))
     outline = graph.product(graph.smooth(rim, 0.94, 1.0, 0, 1), graph.smooth(rim, 1.06, 1.0, 0, 1))
@@ -306,7 +306,7 @@ def shade(graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone
 
 
 def baked_material(maps: dict[str, Path], tone: SkinTone) -> bpy.types.Material:
-    """The skin from its three baked maps (`bake.MAPS`)."""
+    """Make the skin from its three baked maps (`bake.MAPS`)."""
     material = bpy.data.materials.new("skin")
     graph = NodeGraph(enable_nodes(material))
     uv = graph.node("ShaderNodeUVMap", uv_map=UV_LAYER).outputs[0]

@@ -60,7 +60,7 @@ class SkinSurface:
         mesh.update()
 
     def posed_vertices(self, pose: HandPose) -> np.ndarray:
-        """[N, 3] m: the template's blend shapes, interpolated by subdivision, then linear blend skinning."""
+        """Pose vertices [N, 3] m: the template's blend shapes, interpolated by subdivision, then skinned linearly."""
         rotations = axis_angle_to_matrix(torch.as_tensor(pose.theta, dtype=torch.float64))
         features = (rotations[1:].numpy() - np.eye(3)).reshape(-1)
         offsets = self.model.posedirs @ features + self.model.shapedirs @ pose.beta
@@ -79,7 +79,7 @@ class SkinSurface:
 
 
 def crossing(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """[N] float32: 1 where the surface crosses itself, falling to 0 at 5 mm from there."""
+    """Compute [N] float32: 1 where the surface crosses itself, falling to 0 at 5 mm from there."""
     tree = BVHTree.FromPolygons(vertices.tolist(), faces.tolist())
     pairs = np.array(tree.overlap(tree), int).reshape(-1, 2)
     first, second = faces[pairs[:, 0]], faces[pairs[:, 1]]

@@ -89,5 +89,5 @@ def _show_at(node: bpy.types.Node, files: ImageFiles, delay_frames: int = 0) -> 
 
 
 def _colour(node: bpy.types.Node) -> bpy.types.NodeSocket:
-    """The colour output; a multilayer EXR has one output for each pass."""
+    """Return the colour output; a multilayer EXR has one output for each pass."""
     return node.outputs["Combined"] if "Combined" in node.outputs else node.outputs["Image"]

@@ -68,7 +68,7 @@ def _hand_in_front(block: Block, scene: bpy.types.Scene, behind: bpy.types.Scene
 
 
 def _render(block: Block, scene: bpy.types.Scene, role: str, at: tuple[int, int]) -> bpy.types.Node:
-    """A Render Layers node that has Image and Depth."""
+    """Add a Render Layers node that has Image and Depth."""
     view_layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
     view_layer.use_pass_z = True
     node = block.add("CompositorNodeRLayers", role, at)

@@ -31,7 +31,7 @@ class ImageFiles:
 
     @classmethod
     def find(cls, path: Path, is_still: bool = False) -> ImageFiles:
-        """The files that `path` belongs to; a still is always a file of its own.
+        """Find the files that `path` belongs to; a still is always a file of its own.
 
         Raises:
             LiveHandError: the file does not exist.
@@ -46,7 +46,7 @@ class ImageFiles:
         return cls(siblings[min(siblings)], "SEQUENCE", min(siblings), max(siblings))
 
     def load(self) -> bpy.types.Image:
-        """The Blender image of the files; an existing one is used again.
+        """Load the Blender image of the files; an existing one is used again.
 
         Raises:
             LiveHandError: Blender cannot read them.
@@ -63,7 +63,7 @@ class ImageFiles:
 
 
 def _numbered_siblings(path: Path) -> dict[int, Path]:
-    """Number -> file, for files of the folder with the same name before the number and the same suffix."""
+    """Map number to file, for files of the folder with the same name before the number and the same suffix."""
     own = _NUMBERED.fullmatch(path.name)
     if own is None:
         return {}

@@ -10,7 +10,7 @@ MATH = "ShaderNodeMath" if IS_GROUP else "CompositorNodeMath"
 
 
 def compositor_of(scene: bpy.types.Scene) -> bpy.types.NodeTree:
-    """The scene's compositor nodes, which are switched on and, if there were none, created empty."""
+    """Return the scene's compositor nodes, which are switched on and, if there were none, created empty."""
     scene.render.use_compositing = True
     if IS_GROUP:
         if scene.compositing_node_group is None:
@@ -24,12 +24,12 @@ def compositor_of(scene: bpy.types.Scene) -> bpy.types.NodeTree:
 
 
 def output_input(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:
-    """The input socket of the compositor's output; its node is added if there is none."""
+    """Return the input socket of the compositor's output; its node is added if there is none."""
     return _group_output(tree) if IS_GROUP else _node(tree, "CompositorNodeComposite").inputs["Image"]
 
 
 def add_over(tree: bpy.types.NodeTree) -> tuple[bpy.types.Node, dict[str, bpy.types.NodeSocket]]:
-    """An Alpha Over node for premultiplied images, and its inputs `background`, `foreground` and `factor`."""
+    """Add an Alpha Over node for premultiplied images; also its inputs `background`, `foreground` and `factor`."""
     node = tree.nodes.new("CompositorNodeAlphaOver")
     names = ("Background", "Foreground", "Factor") if IS_GROUP else ("Image", "Image_001", "Fac")
     sockets = {socket.name if IS_GROUP else socket.identifier: socket for socket in node.inputs}
@@ -37,7 +37,7 @@ def add_over(tree: bpy.types.NodeTree) -> tuple[bpy.types.Node, dict[str, bpy.ty
 
 
 def location_px(node: bpy.types.Node) -> tuple[float, float]:
-    """A node's upper left corner in the node editor, also if it is in frames."""
+    """Compute a node's upper left corner in the node editor, also if it is in frames."""
     x, y = node.location
     if node.parent is None:
         return x, y
@@ -53,7 +53,7 @@ def _group_output(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:
 
 
 def _node(tree: bpy.types.NodeTree, idname: str) -> bpy.types.Node:
-    """The first node of a type, or a new one to the right of all others."""
+    """Find the first node of a type, or add a new one to the right of all others."""
     found = [node for node in tree.nodes if node.bl_idname == idname]
     if found:
         return found[0]

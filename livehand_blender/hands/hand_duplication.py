@@ -44,7 +44,7 @@ def _has_mesh(armature: bpy.types.Object) -> bool:
 
 
 def _copy_mesh(source: bpy.types.Object, armature: bpy.types.Object) -> None:
-    """A copy of the mesh, its shape keys and their drivers, that this armature deforms."""
+    """Copy the mesh, its shape keys and their drivers, for this armature to deform."""
     first = source.find_armature()
     mesh = source.copy()
     mesh.data = source.data.copy()
@@ -71,7 +71,7 @@ def _retarget_drivers(owner: bpy.types.ID | None, before: bpy.types.Object | Non
 
 @persistent
 def _look(*_) -> None:
-    """After each change of the file."""
+    """Look for new objects after each change of the file."""
     count = len(bpy.data.objects)
     if count != _ObjectCount.value:
         _ObjectCount.value = count
@@ -83,7 +83,7 @@ def _look(*_) -> None:
 
 @persistent
 def _begin(*_) -> None:
-    """After a file was opened, which stays as it is."""
+    """Begin after a file was opened, which stays as it is."""
     _ObjectCount.value = len(bpy.data.objects)
 
 

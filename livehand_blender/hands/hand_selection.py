@@ -27,7 +27,7 @@ def _passes_on(thing: bpy.types.Object) -> bool:
 
 @persistent
 def _look(*_) -> None:
-    """After each change of the file, of which a selection is one."""
+    """Pass the selection on after each change of the file, of which a selection is one."""
     if bpy.context.view_layer is not None:
         pass_selection_on(bpy.context.view_layer)
 

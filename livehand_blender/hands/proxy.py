@@ -104,7 +104,7 @@ def move_vertices(depsgraph: bpy.types.Depsgraph, vertices: Mapping[str, np.ndar
 
 
 def _plain_colours(material: bpy.types.Material | None) -> Iterator[bpy.types.bpy_prop_array]:
-    """The base colour of our own material, if nothing is linked to it and it was not changed."""
+    """Yield the base colour of our own material, if nothing is linked to it and it was not changed."""
     if material is None or material.node_tree is None or not material.original.name.startswith(_SKIN):
         return
     original = material.original

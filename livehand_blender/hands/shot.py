@@ -39,7 +39,7 @@ def read_shot(
 
 
 def hand_pose(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
-    """The hand's pose; a mirrored right hand is a left one.
+    """Read the hand's pose; a mirrored right hand is a left one.
 
     Raises:
         LiveHandError: it is not finite.
@@ -49,22 +49,22 @@ def hand_pose(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
 
 
 def hand_wrist_fade_m(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> float:
-    """How long the hand's fade is, on the hand at rest."""
+    """Measure how long the hand's fade is, on the hand at rest."""
     return 0.001 * hand.armature.evaluated_get(depsgraph).livehand.wrist_fade
 
 
 def hand_hair(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> float:
-    """The share of its hairs that the hand shows."""
+    """Read the share of its hairs that the hand shows."""
     return hand.armature.evaluated_get(depsgraph).livehand.hair
 
 
 def hand_vertices(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """[V, 3] of the hand's evaluated mesh in the world, m."""
+    """Compute vertices [V, 3] of the hand's evaluated mesh in the world, m."""
     return _placed(_local_vertices(hand.mesh.evaluated_get(depsgraph)), hand.matrix)
 
 
 def world_vertices(mesh_object: bpy.types.Object) -> np.ndarray:
-    """The vertices [V, 3] of an evaluated mesh object in the world, m."""
+    """Compute the vertices [V, 3] of an evaluated mesh object in the world, m."""
     return _placed(_local_vertices(mesh_object), np.array(mesh_object.matrix_world))
 
 

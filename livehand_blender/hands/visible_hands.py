@@ -89,7 +89,7 @@ def hands_at(hands: Sequence[VisibleHand], depsgraph: bpy.types.Depsgraph) -> tu
 
 
 def _instance_matrices(depsgraph: bpy.types.Depsgraph, names: set[str]) -> dict[InstanceId, np.ndarray]:
-    """Matrix [4, 4] of each instance of the objects of these full names."""
+    """Read the matrix [4, 4] of each instance of the objects of these full names."""
     if not names:
         return {}
     return {
@@ -100,7 +100,7 @@ def _instance_matrices(depsgraph: bpy.types.Depsgraph, names: set[str]) -> dict[
 
 
 def _hand_instances(depsgraph: bpy.types.Depsgraph) -> Iterator[VisibleHand]:
-    """Instances are valid for one step of the iteration only, so no reference to them is kept."""
+    """Yield hands; instances are valid for one step of the iteration only, so no reference to them is kept."""
     armatures: dict[int, bpy.types.Object | None] = {}
     for instance in depsgraph.object_instances:
         mesh = instance.object.original

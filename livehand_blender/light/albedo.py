@@ -1,4 +1,4 @@
-"""The diffuse colour of materials, by which objects around a hand shed light on it."""
+"""The diffuse colour of materials, by which nearby objects reflect light on a hand."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOST_VALUES = 1 << 20
 
 
 def albedo_of(material: bpy.types.Material | None) -> np.ndarray:
-    """[3] linear Rec.709 in 0..1: of the diffuse light that a surface sheds; metal and glass shed none."""
+    """Read the albedo [3] for diffuse light, linear Rec.709 in 0..1; metal and glass have none."""
     if material is None:
         return np.full(3, BARE)
     tree = used_nodes(material)
@@ -42,7 +42,7 @@ def albedo_of(material: bpy.types.Material | None) -> np.ndarray:
 
 
 def _shader(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
-    """The node that is linked to the surface of Cycles' active output."""
+    """Find the node that is linked to the surface of Cycles' active output."""
     output = tree.get_output_node("CYCLES")
     links = output.inputs["Surface"].links if output else ()
     return links[0].from_node if links else None
@@ -65,7 +65,7 @@ def _in_rec709(colour: bpy.types.bpy_prop_array) -> np.ndarray:
 
 
 def _number(shader: bpy.types.Node, name: str) -> float:
-    """Of an input of 0..1; 0 where it is linked or does not exist."""
+    """Read the number of an input of 0..1; 0 where it is linked or does not exist."""
     socket = shader.inputs.get(name)
     return 0.0 if socket is None or socket.is_linked else float(np.clip(socket.default_value, 0, 1))
 
@@ -79,7 +79,7 @@ class _Image:
 
 
 def mean_colour(image: bpy.types.Image) -> np.ndarray | None:
-    """[3] linear Rec.709; None of an image without pixels, of films, tiles, and spaces neither sRGB nor linear."""
+    """Average to [3] linear Rec.709; None without pixels, for films, tiles, and spaces neither sRGB nor linear."""
     if image.source not in _STILL:  # of others Blender gives the pixels of one frame or tile
         return None
     return _mean_colour(_Image(str(image_state(image)), image))
@@ -103,10 +103,10 @@ def _mean_colour(one: _Image) -> np.ndarray | None:
 
 
 def _decoded() -> np.ndarray:
-    """[256] linear light of the values of an sRGB byte."""
+    """Decode the values of an sRGB byte to linear light [256]."""
     return np.array([mathutils.Color([value / 255] * 3).from_srgb_to_scene_linear().r for value in range(256)])
 
 
 def _rgb(colours: np.ndarray) -> np.ndarray:
-    """[3] the mean of colours [N, 1 or 3]."""
+    """Average colours [N, 1 or 3] to [3]."""
     return np.broadcast_to(colours.mean(0, dtype=float), 3).copy()

@@ -25,14 +25,14 @@ class Box(NamedTuple):
 
     @classmethod
     def of(cls, camera: Camera, hands: Sequence[np.ndarray]) -> Box:
-        """The box of the hands' vertices [V, 3] in the world; of the whole image if they reach behind the camera."""
+        """Find the box of the hands' vertices [V, 3] in the world; the whole image if they reach behind the camera."""
         pixels, depth = camera.project(np.concatenate(hands))
         if depth.min() < _NEAREST_M:
             return cls(np.zeros(2), np.array(camera.size_px, np.float64), float(depth.max()))
         return cls(pixels.min(0), pixels.max(0), float(depth.max()))
 
     def holds(self, camera: Camera, points: np.ndarray) -> np.ndarray:
-        """[N] whether each group of points [N, K, 3] may cover a part of the box."""
+        """Mark [N] each group of points [N, K, 3] that may cover a part of the box."""
         pixels, depth = camera.project(points.reshape(-1, 3))
         pixels, depth = pixels.reshape(*points.shape[:2], 2), depth.reshape(points.shape[:2])
         is_over = ((pixels.max(1) >= self.low) & (pixels.min(1) <= self.high)).all(1)
@@ -66,7 +66,7 @@ class Foreground:
         self._numbers, self._boxes = np.array(numbers, int), np.reshape(boxes, (-1, 8, 3))
 
     def before(self, depsgraph: bpy.types.Depsgraph, camera: Camera, hands: Sequence[np.ndarray]) -> tuple[Solid, ...]:
-        """The objects that may hide hands, given by their vertices [V, 3]; the depsgraph must not have changed."""
+        """Find the objects that may hide hands, given by their vertices [V, 3]; the depsgraph must not have changed."""
         if not hands:
             return ()
         numbers = self._numbers[Box.of(camera, hands).holds(camera, self._boxes)].tolist()
@@ -80,7 +80,7 @@ class Foreground:
 
 
 def foreground_triangles(solids: Sequence[Solid], camera: Camera, hands: Sequence[np.ndarray]) -> np.ndarray:
-    """[T, 3, 3] triangles in the world, m, all before the camera; of too many, the nearest. Needs no bpy.
+    """Collect triangles [T, 3, 3] in the world, m, all before the camera; of too many, the nearest. Needs no bpy.
 
     Args:
         solids: that may hide the hands.
@@ -99,7 +99,7 @@ def foreground_triangles(solids: Sequence[Solid], camera: Camera, hands: Sequenc
 
 
 def clipped(camera: Camera, triangles: np.ndarray) -> np.ndarray:
-    """The triangles [T, 3, 3] without what lies behind the camera, or nearer than a millimetre."""
+    """Clip away what of the triangles [T, 3, 3] lies behind the camera, or nearer than a millimetre."""
     depth = camera.project(triangles.reshape(-1, 3))[1].reshape(-1, 3)
     is_before = (depth >= _NEAREST_M).all(1)
     parts = [
@@ -111,7 +111,7 @@ def clipped(camera: Camera, triangles: np.ndarray) -> np.ndarray:
 
 
 def _parts(corners: np.ndarray, depth: np.ndarray) -> list[np.ndarray]:
-    """The triangles of a triangle's part before the camera, at most two."""
+    """Cut a triangle's part before the camera into triangles, at most two."""
     outline = []
     for k in range(3):
         start, end, near, far = corners[k], corners[k - 2], depth[k], depth[k - 2]

@@ -44,7 +44,7 @@ class LinkedLamp:
     has_soft_falloff: bool
 
     def for_mesh(self, name: str, middle: np.ndarray) -> Lamp | None:
-        """The lamp as a mesh object meets it, by its full name and its middle [3]; None if it does not light it."""
+        """Return the lamp as a mesh object meets it, by its full name and middle [3]; None if it does not light it."""
         if not self.receivers.holds(name):
             return None
         lamp = self.lamp if self.blockers.holds(name) else replace(self.lamp, casts_shadow=False)
@@ -56,7 +56,7 @@ class LinkedLamp:
 
 
 def read_lamps(depsgraph: bpy.types.Depsgraph) -> tuple[LinkedLamp, ...]:
-    """All lamps that give diffuse light in the evaluated frame, instances included; one that is scaled to 0 gives none.
+    """Read all lamps that give diffuse light in the evaluated frame, instances included; one scaled to 0 gives none.
 
     Raises:
         LiveHandError: a lamp's place, size or strength is not finite.
@@ -75,13 +75,13 @@ def read_lamps(depsgraph: bpy.types.Depsgraph) -> tuple[LinkedLamp, ...]:
 
 
 def _is_lit(thing: bpy.types.Object) -> bool:
-    """Whether a lamp gives light to diffuse surfaces; a portal only guides Cycles' sampling."""
+    """Return whether a lamp gives light to diffuse surfaces; a portal only guides Cycles' sampling."""
     settings = getattr(thing.data, "cycles", None)
     return thing.visible_diffuse and not (thing.data.type == "AREA" and settings and settings.is_portal)
 
 
 def _named_lamp(thing: bpy.types.Object, matrix: np.ndarray, groups: set[str]) -> Lamp | None:
-    """The lamp; None if it is scaled to 0. An error names it."""
+    """Read the lamp; None if it is scaled to 0. An error names it."""
     if np.linalg.norm(matrix[:3, :3], axis=0).min() < _SMALLEST_SCALE:
         LOGGER.warning("Lamp '%s' is scaled to 0; it gives no light", thing.name)
         return None
@@ -145,7 +145,7 @@ def _is_normalized(data: bpy.types.Light) -> bool:
 
 
 def _strength(thing: bpy.types.Object) -> np.ndarray:
-    """[3] energy times colour, linear Rec.709; negative channels count as none."""
+    """Compute energy times colour [3], linear Rec.709; negative channels count as none."""
     data = thing.data
     rgb = np.array(data.color, np.float64) * data.energy * 2.0 ** getattr(data, "exposure", 0.0)
     if getattr(data, "use_temperature", False):
@@ -157,7 +157,7 @@ def _strength(thing: bpy.types.Object) -> np.ndarray:
 
 
 def _emission(thing: bpy.types.Object) -> np.ndarray:
-    """[3] the factor of the lamp's own nodes: an emission of one colour and strength; others count as 1."""
+    """Read the factor [3] of the lamp's own nodes: an emission of one colour and strength; others count as 1."""
     tree = used_nodes(thing.data)
     output = tree and tree.get_output_node("CYCLES")
     if not output or not output.inputs["Surface"].is_linked:
@@ -170,7 +170,7 @@ def _emission(thing: bpy.types.Object) -> np.ndarray:
 
 
 def _axes(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The lamp's axes [3, 3] without scale and shear, Z kept, and the scale [3] along them."""
+    """Split the lamp's axes [3, 3] without scale and shear, Z kept, from the scale [3] along them."""
     scale = np.maximum(np.linalg.norm(matrix[:3, :3], axis=0), 1e-12)
     z = matrix[:3, 2] / scale[2]
     x = matrix[:3, 0] - z * (matrix[:3, 0] @ z)

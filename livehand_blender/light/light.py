@@ -28,8 +28,8 @@ class SceneLight:
 
     Attributes:
         lamps: that light the hand.
-        world: what it shines may have to be rendered first; None: nothing.
-        solids: objects that may shadow a hand of the frame, or shed light on it.
+        world: its radiance may have to be rendered first; None: no world.
+        solids: objects that may shadow a hand of the frame, or reflect light on it.
         reach: where those stand that shadow this one.
         hand: its mesh object.
         exposure: factor of Cycles' film.
@@ -46,11 +46,11 @@ class SceneLight:
 
     @cached_property
     def occluders(self) -> Occluders:
-        """The triangles that may shadow the hand or shed light on it."""
+        """The triangles that may shadow the hand or reflect light on it."""
         return occluders_of(self.solids, self.reach, self.hand)
 
     def light(self) -> Light:
-        """The record. A world of nodes is rendered at the first call, which takes seconds.
+        """Return the record. A world of nodes is rendered at the first call, which takes seconds.
 
         Raises:
             LiveHandError: the world cannot be rendered.
@@ -64,7 +64,7 @@ class SceneLight:
 def read_hand_lights(
     depsgraph: bpy.types.Depsgraph, hands: Sequence[VisibleHand], is_final: bool, local: LocalTriangles | None = None
 ) -> dict[str, SceneLight]:
-    """Name of each hand -> the light on it; none if the scene says that hands keep their capture's.
+    """Map each hand's name to the light on it; none if the scene says that hands keep their capture's.
 
     Args:
         depsgraph: of the frame.
@@ -86,7 +86,7 @@ def read_scene_light(
     is_final: bool,
     local: LocalTriangles | None = None,
 ) -> dict[InstanceId, SceneLight]:
-    """The light on each hand of an evaluated frame.
+    """Read the light on each hand of an evaluated frame.
 
     Args:
         depsgraph: of the frame.
@@ -114,7 +114,7 @@ def read_scene_light(
 
 
 def _reach_of_world(world: WorldLight | None) -> tuple[tuple[Lamp, ...], float]:
-    """The suns of the world, and how far from the hand objects shadow it from the sky or shed light on it, m."""
+    """Return the world's suns, and how far from the hand objects shadow it from the sky or reflect light on it, m."""
     if world is None:
         return (), AROUND_M
     suns = world.rendered_suns
@@ -122,7 +122,7 @@ def _reach_of_world(world: WorldLight | None) -> tuple[tuple[Lamp, ...], float]:
 
 
 def read_light(depsgraph: bpy.types.Depsgraph, mesh_name: str, vertices: np.ndarray) -> Light:
-    """The light on one hand, by the full name of its mesh object and its vertices [V, 3] in the world, m.
+    """Read the light on one hand, by the full name of its mesh object and its vertices [V, 3] in the world, m.
 
     Raises:
         LiveHandError: the world cannot be read.

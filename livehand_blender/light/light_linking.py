@@ -21,7 +21,7 @@ class LinkRule:
 
     @classmethod
     def of(cls, collection: bpy.types.Collection | None) -> LinkRule:
-        """The rule that a receiver or blocker collection states; None: no rule."""
+        """Read the rule that a receiver or blocker collection states; None: no rule."""
         if collection is None:
             return cls()
         states: dict[str, str] = {}
@@ -31,12 +31,12 @@ class LinkRule:
         return cls(included or None, excluded)
 
     def holds(self, name: str) -> bool:
-        """Whether the lamp is linked to the object of this full name."""
+        """Return whether the lamp is linked to the object of this full name."""
         return name not in self.excluded and (self.included is None or name in self.included)
 
 
 def _collect(collection: bpy.types.Collection, inherited: str | None, states: dict[str, str]) -> None:
-    """The state of each object: its own entry's, else that of the outermost collection inside that holds it."""
+    """Collect the state of each object: its own entry's, else that of the outermost collection inside that holds it."""
     for entry, child in zip(collection.collection_children, collection.children, strict=True):
         _collect(child, inherited or entry.light_linking.link_state, states)
     for entry, thing in zip(collection.collection_objects, collection.objects, strict=True):

@@ -1,4 +1,4 @@
-"""Reads the triangles of the scene's objects that may shadow a hand or shed light on it."""
+"""Reads the triangles of the scene's objects that may shadow a hand or reflect light on it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MAX_TRIANGLES = 50_000
 def read_solids(
     depsgraph: bpy.types.Depsgraph, reaches: Mapping[InstanceId, Reach], local: LocalTriangles
 ) -> tuple[Solid, ...]:
-    """The objects within any hand's reach that cast shadows, instances and other hands included."""
+    """Read the objects within any hand's reach that cast shadows, instances and other hands included."""
     near = _near_instances(depsgraph, reaches)
     return tuple(
         local.solid(InstanceId.of(instance), instance.object, near[number])
@@ -31,7 +31,7 @@ def read_solids(
 
 
 def _near_instances(depsgraph: bpy.types.Depsgraph, reaches: Mapping[InstanceId, Reach]) -> dict[int, np.ndarray]:
-    """Number of each instance that casts shadows and whose bounding box touches a reach -> its matrix [4, 4].
+    """Map the number of each instance that casts shadows and whose bounding box touches a reach to its matrix [4, 4].
 
     All boxes are tested at once: a meadow has a hundred thousand instances. A hand does not count for itself.
     """
@@ -72,7 +72,7 @@ class Occluders(NamedTuple):
 
 
 def occluders_of(solids: Sequence[Solid], reach: Reach, hand: InstanceId) -> Occluders:
-    """The triangles within a hand's reach, without its own mesh; if there are too many, the nearest.
+    """Select the triangles within a hand's reach, without its own mesh; if there are too many, the nearest.
 
     Needs no bpy.
     """

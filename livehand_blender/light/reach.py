@@ -1,4 +1,4 @@
-"""Where an object must stand to shadow a hand or to shed light on it: capsules towards each lamp, and a ball around.
+"""Where an object must stand to shadow a hand or reflect light on it: capsules towards each lamp, and a ball around.
 
 The test is conservative: no triangle that casts a shadow within these lengths is lost.
 """
@@ -32,7 +32,7 @@ class Reach:
 
     @classmethod
     def of(cls, vertices: np.ndarray, lamps: Sequence[Lamp], around_m: float) -> Reach:
-        """The reach of a hand's vertices [V, 3] in the light of lamps that cast shadows, and `around_m` all around."""
+        """Compute the reach of vertices [V, 3] in the light of lamps that cast shadows, and `around_m` all around."""
         middle = middle_of(vertices)
         radius = float(np.linalg.norm(vertices - middle, axis=1).max())
         ends, radii = [middle], [radius + around_m]
@@ -45,7 +45,7 @@ class Reach:
         return cls(middle, np.array(ends), np.array(radii))
 
     def touches(self, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
-        """[N] whether balls, given by centres [N, 3] and radii [N], m, touch a capsule."""
+        """Mark [N] balls, given by centres [N, 3] and radii [N], m, that touch a capsule."""
         touched = np.zeros(len(centres), bool)
         offset = centres - self.start
         for end, radius in zip(self.ends, self.radii, strict=True):
@@ -56,7 +56,7 @@ class Reach:
 
 
 def middle_of(vertices: np.ndarray) -> np.ndarray:
-    """[3] the middle of the box around vertices [V, 3]."""
+    """Compute the middle [3] of the box around vertices [V, 3]."""
     return (vertices.min(0) + vertices.max(0)) / 2
 
 
@@ -65,6 +65,6 @@ def _lamp_radius(lamp: Lamp) -> float:
 
 
 def bounding_balls(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres [T, 3] and radii [T] of balls around triangles [T, 3, 3]."""
+    """Compute centres [T, 3] and radii [T] of balls around triangles [T, 3, 3]."""
     centres = triangles.mean(1)
     return centres, np.linalg.norm(triangles - centres[:, None], axis=-1).max(1)

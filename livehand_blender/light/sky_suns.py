@@ -41,7 +41,7 @@ class _Spot(NamedTuple):
 
 
 def extract_suns(radiance: np.ndarray, close_ups: Sequence[CloseUp]) -> tuple[np.ndarray, list[Lamp]]:
-    """The map [H, W, 3] without its suns, and the suns; together they give as much light as before."""
+    """Split the map [H, W, 3] into one without its suns, and the suns; together they give as much light as before."""
     directions = sky_directions(*radiance.shape[:2])
     texel_rad = np.pi / radiance.shape[0]
     weight = np.linalg.norm(directions[..., :2], axis=-1) * texel_rad**2
@@ -75,7 +75,7 @@ def _bright_spot(close_up: CloseUp, texel_rad: float) -> _Spot:
 
 
 def _rays(close_up: CloseUp) -> tuple[np.ndarray, np.ndarray]:
-    """Unit directions [N, N, 3] of the pixels in the world, and their solid angles [N, N]."""
+    """Compute unit directions [N, N, 3] of the pixels in the world, and their solid angles [N, N]."""
     count = len(close_up.radiance)
     side = 2 * np.tan(close_up.angle_rad / 2) / count
     across = (np.arange(count) + 0.5 - count / 2) * side

@@ -52,7 +52,7 @@ class Solid:
 
 
 def placed(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Points [..., 3] moved by a matrix [4, 4]."""
+    """Move points [..., 3] by a matrix [4, 4]."""
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
@@ -74,7 +74,7 @@ class LocalTriangles:
         self._albedos: dict[int, np.ndarray] = {}
 
     def of(self, thing: bpy.types.Object) -> np.ndarray:
-        """[T, 3, 3] of an evaluated object or of an instance's, in its own space."""
+        """Read [T, 3, 3] of an evaluated object or of an instance's, in its own space."""
         return self._read(thing).triangles
 
     def _read(self, thing: bpy.types.Object) -> _Read:
@@ -87,7 +87,7 @@ class LocalTriangles:
         return self._kept[key]
 
     def solid(self, instance_id: InstanceId, thing: bpy.types.Object, matrix: np.ndarray) -> Solid:
-        """An instance of an object, with its matrix [4, 4]: the solid of the last call if it is the same."""
+        """Place an instance of an object by its matrix [4, 4]: the solid of the last call if it is the same."""
         _, local, slot = self._read(thing)
         palette = [self._albedo(slot.material) for slot in thing.material_slots] or [self._albedo(None)]
         solid, albedo = self._solids.get(instance_id), np.array(palette)[slot]
@@ -121,7 +121,7 @@ class LocalTriangles:
 
 
 def _triangles(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles [T, 3, 3] and their material slots [T], of those that the object has."""
+    """Read triangles [T, 3, 3] and their material slots [T], of those that the object has."""
     mesh = thing.to_mesh()
     if mesh is None:  # a curve without an extent
         return np.zeros((0, 3, 3)), np.zeros(0, int)

@@ -79,13 +79,13 @@ def remove_studio(scene: bpy.types.Scene) -> None:
 
 
 def needs_lamps(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
-    """Whether the layer renders no lamp, and the scene's world is dim."""
+    """Return whether the layer renders no lamp, and the scene's world is dim."""
     has_lamp = any(thing.type == "LIGHT" and not thing.hide_render for thing in layer.objects)
     return not has_lamp and is_dim(world_of(scene, layer))
 
 
 def has_studio(scene: bpy.types.Scene) -> bool:
-    """Whether the scene has a set-up."""
+    """Return whether the scene has a set-up."""
     return bool(_studios(scene))
 
 
@@ -94,7 +94,7 @@ def _studios(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
 
 
 def _subject(context: bpy.types.Context, hand: bpy.types.Object | None) -> tuple[Vector, float]:
-    """Middle and radius, m, of what is lit."""
+    """Find the middle and radius, m, of what is lit."""
     hands = [hand] if hand else find_hands(context.scene)
     if not hands:
         return context.scene.cursor.location.copy(), _HAND_M
@@ -105,13 +105,13 @@ def _subject(context: bpy.types.Context, hand: bpy.types.Object | None) -> tuple
 
 
 def _framed_vertices(hand: RiggedHand, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """[N, 3] in the world, m: the evaluated mesh without the arm, if modifiers keep its vertices."""
+    """Read [N, 3] in the world, m: the evaluated mesh without the arm, if modifiers keep its vertices."""
     vertices, framed = world_vertices(hand.mesh.evaluated_get(depsgraph)), hand.model.framed_vertices
     return vertices[framed] if len(vertices) == len(framed) else vertices
 
 
 def _view_frame(scene: bpy.types.Scene, middle: Vector) -> Matrix:
-    """Columns: right, level towards the camera, up; a camera straight above or below counts as one at the front."""
+    """Compute columns right, level towards the camera, up; a camera straight above or below counts as at the front."""
     towards = scene.camera.matrix_world.translation - middle if scene.camera else Vector((0, -1, 0))
     level = Vector((towards.x, towards.y, 0))
     level = level.normalized() if level.length > 0.2 * towards.length else Vector((0, -1, 0))

@@ -18,7 +18,7 @@ _DIM = 0.2
 
 @dataclass(frozen=True)
 class WorldLight:
-    """What a world shines, which may have to be rendered first.
+    """The light that a world emits, which may have to be rendered first.
 
     Attributes:
         source: radiance [3] from everywhere, or the rendered map.
@@ -29,7 +29,7 @@ class WorldLight:
     group: str
 
     def read(self) -> tuple[Sky | None, tuple[Lamp, ...]]:
-        """The sky, None if it is black, and the suns in it; needs no bpy, and may take seconds at the first call.
+        """Read the sky, None if it is black, and the suns in it; needs no bpy, and may take seconds at the first call.
 
         Raises:
             LiveHandError: the world cannot be rendered.
@@ -49,7 +49,7 @@ class WorldLight:
 
 
 def read_world(depsgraph: bpy.types.Depsgraph) -> WorldLight | None:
-    """The world as the view layer shows it; None if it gives no diffuse light.
+    """Read the world as the view layer shows it; None if it gives no diffuse light.
 
     Raises:
         LiveHandError: the world cannot be prepared for its render.
@@ -65,24 +65,24 @@ def read_world(depsgraph: bpy.types.Depsgraph) -> WorldLight | None:
 
 
 def world_of(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bpy.types.World | None:
-    """The scene's world, or the layer's own; versions before 4.3 have no such one."""
+    """Return the scene's world, or the layer's own; versions before 4.3 have no such one."""
     return getattr(layer, "world_override", None) or scene.world
 
 
 def is_dim(world: bpy.types.World | None) -> bool:
-    """Whether skin is hardly visible in a world alone: one of a plain dark colour, as a new file has, or none."""
+    """Return whether skin is hardly visible in a world alone: one of a plain dark colour, as in a new file, or none."""
     radiance = np.zeros(3) if world is None else _plain_radiance(world)
     return radiance is not None and radiance.max() < _DIM
 
 
 def _is_visible(world: bpy.types.World) -> bool:
-    """Whether diffuse surfaces meet the world; without Cycles' add-on there is no switch."""
+    """Return whether diffuse surfaces meet the world; without Cycles' add-on there is no switch."""
     visibility = getattr(world, "cycles_visibility", None)
     return visibility is None or visibility.diffuse
 
 
 def _plain_radiance(world: bpy.types.World) -> np.ndarray | None:
-    """[3] the radiance of a world of one colour; None for any other."""
+    """Read the radiance [3] of a world of one colour; None for any other."""
     tree = used_nodes(world)
     if tree is None:
         return in_rec709(np.array(world.color, np.float64))
@@ -98,7 +98,7 @@ def _plain_radiance(world: bpy.types.World) -> np.ndarray | None:
 
 
 def smaller_map(radiance: np.ndarray, height: int, width: int) -> np.ndarray:
-    """[height, width, 3] means over the solid angles of a larger map, whose size must be a multiple."""
+    """Average a larger map, whose size must be a multiple, over the solid angles to [height, width, 3]."""
     rows, columns = radiance.shape[0] // height, radiance.shape[1] // width
     edges = np.cos(np.arange(radiance.shape[0] + 1) * np.pi / radiance.shape[0])
     weight = (edges[:-1] - edges[1:]).reshape(height, rows, 1, 1, 1)

@@ -32,11 +32,11 @@ _TIMED_IMAGES = {"SEQUENCE", "MOVIE"}
 
 
 class WorldMap(NamedTuple):
-    """What a world shines.
+    """The light that a world emits.
 
     Attributes:
         radiance: [H, W, 3] as in `Sky`, linear Rec.709, without the suns.
-        suns: small bright places.
+        suns: small bright spots.
     """
 
     radiance: np.ndarray
@@ -67,7 +67,7 @@ class RenderedWorld:
             self._folder = folder
 
     def map(self) -> WorldMap:
-        """The map, rendered at the first call, in any thread.
+        """Return the map, rendered at the first call, in any thread.
 
         Raises:
             LiveHandError: the world cannot be rendered.
@@ -81,7 +81,7 @@ class RenderedWorld:
 
 
 def rendered_world(world: bpy.types.World, scene: bpy.types.Scene) -> RenderedWorld:
-    """The map of an evaluated world, saved for its render unless it is known.
+    """Return the map of an evaluated world, saved for its render unless it is known.
 
     Raises:
         LiveHandError: the world cannot be saved.
@@ -106,7 +106,7 @@ def _kept(key: str, name: str) -> RenderedWorld:
 
 
 def _request(world: bpy.types.World, scene: bpy.types.Scene) -> dict[str, Any]:
-    """What is to be rendered: the world's name, the frame, and the places of objects whose coordinates nodes use."""
+    """Describe what to render: the world's name, the frame, and positions of objects whose coordinates nodes use."""
     return {
         "world": world.name,
         "frame": scene.frame_current_final,
@@ -157,7 +157,7 @@ def _render(name: str, folder: Path) -> WorldMap:
 
 
 def _blender() -> list[str]:
-    """The command that runs our script in a Blender like this one."""
+    """Return the command that runs our script in a Blender like this one."""
     script = str(Path(__file__).with_name("world_render.py"))
     if bpy.app.binary_path:
         return [bpy.app.binary_path, "--background", "--factory-startup", "--python", script, "--"]

@@ -16,7 +16,7 @@ from mathutils import Matrix, Vector
 
 # Texels of the map, and samples of each. A sun of 0.5 degrees covers about half a texel.
 _SIZE_PX, _SAMPLES = (512, 256), 8
-# Views of the brightest places, so that a sun's energy and angle are exact.
+# Views of the brightest spots, so that a sun's energy and angle are exact.
 _CLOSE_UPS, _CLOSE_UP_PX, _CLOSE_UP_SAMPLES = 4, 192, 4
 _CLOSE_UP_RAD = np.deg2rad(9.0)
 # A place is bright if it outshines the mean of the sky by this factor; the next one is this far from it.
@@ -32,7 +32,7 @@ _DIFFUSE_RAY = {
 
 
 def main(request_path: Path, out: Path) -> None:
-    """Render the map and the close-ups of its brightest places."""
+    """Render the map and the close-ups of its brightest spots."""
     request = json.loads(request_path.read_text(encoding="utf-8"))
     with bpy.data.libraries.load(request["blend"], link=False) as (_, wanted):
         wanted.worlds = [request["world"]]
@@ -58,7 +58,7 @@ def main(request_path: Path, out: Path) -> None:
 
 
 def prepare(tree: bpy.types.NodeTree, matrices: dict, seen: set[str]) -> None:
-    """Give the tree, and the groups inside it, the values of a diffuse ray, and the places of the scene's objects."""
+    """Give the tree, and the groups inside it, the values of a diffuse ray, and the matrices of the scene's objects."""
     seen.add(tree.name)
     for node in list(tree.nodes):
         if node.type == "LIGHT_PATH":
@@ -71,7 +71,7 @@ def prepare(tree: bpy.types.NodeTree, matrices: dict, seen: set[str]) -> None:
 
 
 def empty_at(matrix: Matrix) -> bpy.types.Object:
-    """An object of this place that no camera sees, for one that is not evaluated because it is not in the scene."""
+    """Make an object with this matrix that no camera sees, for one outside the scene, which is not evaluated."""
     empty = bpy.data.objects.new("Coordinates", None)
     bpy.context.scene.collection.objects.link(empty)
     empty.matrix_world = matrix
@@ -90,7 +90,7 @@ def replace_light_path(tree: bpy.types.NodeTree, node: bpy.types.Node) -> None:
 
 
 def make_scene(world: bpy.types.World, threads: int) -> bpy.types.Scene:
-    """The scene of the world alone, with a camera at the origin; radiance comes out as it is."""
+    """Make the scene of the world alone, with a camera at the origin; radiance comes out as it is."""
     scene = bpy.context.scene
     scene.world = world
     world.cycles_visibility.camera = True
@@ -114,7 +114,7 @@ def make_scene(world: bpy.types.World, threads: int) -> bpy.types.Scene:
 
 
 def render_panorama(scene: bpy.types.Scene, picture: Path) -> np.ndarray:
-    """[H, W, 3] of all directions: the top row is up, the centre is +X, columns run clockwise seen from above."""
+    """Render [H, W, 3] of all directions: the top row is up, the centre +X, columns run clockwise seen from above."""
     lens = scene.camera.data
     lens.type = "PANO"
     panorama = lens if hasattr(lens, "panorama_type") else lens.cycles
@@ -124,7 +124,7 @@ def render_panorama(scene: bpy.types.Scene, picture: Path) -> np.ndarray:
 
 
 def render_close_up(scene: bpy.types.Scene, picture: Path, towards: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """[N, N, 3] seen by a pinhole camera that looks `towards`, and the camera's axes [3, 3] in the world."""
+    """Render [N, N, 3] seen by a pinhole camera that looks `towards`; also the camera's axes [3, 3] in the world."""
     lens = scene.camera.data
     lens.type, lens.lens_unit, lens.angle = "PERSP", "FOV", float(_CLOSE_UP_RAD)
     scene.camera.matrix_world = looking(Vector(towards))
@@ -133,12 +133,12 @@ def render_close_up(scene: bpy.types.Scene, picture: Path, towards: np.ndarray) 
 
 
 def looking(towards: Vector) -> Matrix:
-    """A camera's matrix with its -Z along `towards`."""
+    """Compute a camera's matrix with its -Z along `towards`."""
     return towards.to_track_quat("-Z", "Y").to_matrix().to_4x4()
 
 
 def render(scene: bpy.types.Scene, picture: Path, size_px: tuple, samples: int) -> np.ndarray:
-    """The linear pixels of the scene, top row first."""
+    """Render the linear pixels of the scene, top row first."""
     scene.render.resolution_x, scene.render.resolution_y = size_px
     scene.cycles.samples = samples
     scene.render.filepath = str(picture)
@@ -151,7 +151,7 @@ def render(scene: bpy.types.Scene, picture: Path, size_px: tuple, samples: int) 
 
 
 def find_peaks(radiance: np.ndarray) -> list[np.ndarray]:
-    """Unit directions of the brightest places, at most `_CLOSE_UPS`."""
+    """Find unit directions of the brightest spots, at most `_CLOSE_UPS`."""
     height, width, _ = radiance.shape
     elevation = np.pi / 2 - (np.arange(height) + 0.5) * np.pi / height
     azimuth = np.pi - (np.arange(width) + 0.5) * 2 * np.pi / width

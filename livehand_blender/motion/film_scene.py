@@ -17,19 +17,19 @@ _DISPLAY_M = 0.1
 
 
 def hand_of_side(context: bpy.types.Context, side: Side) -> RiggedHand | None:
-    """The active hand if it is of the side, else the scene's first of it; None if there is none."""
+    """Find the active hand if it is of the side, else the scene's first of it; None if there is none."""
     active = active_hand(context)
     hands = [RiggedHand.of(active)] if active is not None else []
     return next((hand for hand in [*hands, *RiggedHand.all_in(context.scene)] if hand.side == side), None)
 
 
 def new_hand(context: bpy.types.Context, side: Side) -> RiggedHand:
-    """A hand of the built-in model at the world's origin."""
+    """Add a hand of the built-in model at the world's origin."""
     return RiggedHand.of(add_hand(context, load_default_hand().for_side(side), "", f"{side.title()} Hand"))
 
 
 def film_camera(scene: bpy.types.Scene, film: FilmCamera, path: Path, start_frame: int) -> bpy.types.Object:
-    """The scene's camera, or a new one at the origin that looks along +Y, with the film's lens and the movie behind.
+    """Return the scene's camera, or a new one at the origin along +Y, with the film's lens and the movie behind.
 
     Args:
         scene: gets the camera.
@@ -50,7 +50,7 @@ def film_camera(scene: bpy.types.Scene, film: FilmCamera, path: Path, start_fram
 
 
 def camera_with_lens(scene: bpy.types.Scene, film: FilmCamera) -> bpy.types.Object:
-    """The scene's camera, or a new one at the origin that looks along +Y, with the film's lens."""
+    """Return the scene's camera, or a new one at the origin that looks along +Y, with the film's lens."""
     camera = scene.camera
     if camera is None:
         camera = bpy.data.objects.new("LiveHand Camera", bpy.data.cameras.new("LiveHand Camera"))

@@ -31,7 +31,7 @@ def key_take(scene: bpy.types.Scene, hand: RiggedHand, fit: TakeFit, placement: 
 
 
 def _mark(scene: bpy.types.Scene, name: str, fit: TakeFit, start: int, frames_per_step: float) -> None:
-    """Markers where gaps and doubtful stretches begin; those of an earlier import are replaced."""
+    """Mark where gaps and doubtful stretches begin; markers of an earlier import are replaced."""
     markers = scene.timeline_markers
     last = start + round((len(fit.doubt) - 1) * frames_per_step)
     for marker in [one for one in markers if one.name.startswith(_PREFIX) and one.name.endswith(name)]:
@@ -45,5 +45,5 @@ def _mark(scene: bpy.types.Scene, name: str, fit: TakeFit, start: int, frames_pe
 
 
 def _starts(is_in: np.ndarray) -> list[int]:
-    """First index of every run."""
+    """Find the first index of every run."""
     return np.flatnonzero(is_in & ~np.r_[False, is_in[:-1]]).tolist()

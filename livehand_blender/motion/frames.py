@@ -10,13 +10,13 @@ import numpy as np
 
 
 def frame_rate(scene: bpy.types.Scene) -> float:
-    """Frames per second."""
+    """Compute frames per second."""
     return scene.render.fps / scene.render.fps_base
 
 
 @contextlib.contextmanager
 def current_frame_restored(scene: bpy.types.Scene) -> Iterator[None]:
-    """Within, other frames can be set; afterwards the scene is at its current frame again."""
+    """Restore the current frame afterwards; within, other frames can be set."""
     before = scene.frame_current_final
     try:
         yield

@@ -92,7 +92,7 @@ def key_motion(
 
 
 def motion_for_hand(motion: HandMotion, hand: RiggedHand, mirrors: bool) -> HandMotion:
-    """The motion for the hand's side, mirrored if necessary.
+    """Return the motion for the hand's side, mirrored if necessary.
 
     Raises:
         LiveHandError: it is for the other side and may not be mirrored.
@@ -108,12 +108,12 @@ def motion_for_hand(motion: HandMotion, hand: RiggedHand, mirrors: bool) -> Hand
 
 
 def to_armature(armature: bpy.types.Object, placement: Placement) -> np.ndarray:
-    """[4, 4] from a placement's space, which is not the hand's own, to an armature's."""
+    """Compute the matrix [4, 4] from a placement's space, which is not the hand's own, to an armature's."""
     return np.linalg.inv(np.array(armature.matrix_world)) @ _to_world(placement)
 
 
 def sample_motion(context: bpy.types.Context, hand: RiggedHand, frames: Iterable[int]) -> HandMotion:
-    """A hand's motion in frames of the scene, with constraints and drivers.
+    """Sample a hand's motion in frames of the scene, with constraints and drivers.
 
     Raises:
         LiveHandError: a channel is not finite.
@@ -128,7 +128,7 @@ def sample_motion(context: bpy.types.Context, hand: RiggedHand, frames: Iterable
 
 
 def _to_world(placement: Placement) -> np.ndarray:
-    """[4, 4] from the motion's space to Blender's world; Blender's own camera has OpenGL's axes."""
+    """Compute the matrix [4, 4] from the motion's space to Blender's world; Blender's own camera has OpenGL's axes."""
     matrix = to_blender(placement.space)
     if placement.camera is None or placement.space not in ("opencv", "opengl"):
         return matrix
@@ -136,6 +136,6 @@ def _to_world(placement: Placement) -> np.ndarray:
 
 
 def _with_shape(motion: HandMotion, beta: np.ndarray, model: HandModel) -> HandMotion:
-    """The motion for another shape, with the wrist in the same place."""
+    """Convert the motion to another shape, with the wrist in the same position."""
     offset = rest_wrists(model, motion.betas) - rest_wrists(model, beta)
     return replace(motion, beta=beta, transl=motion.transl + offset)

@@ -153,7 +153,7 @@ class LiveSession:
         return sum(key_take(scene, hand, fit, placement) for hand, fit in fits)
 
     def _camera(self, context: bpy.types.Context, size_px: tuple[int, int]) -> bpy.types.Object:
-        """The scene's camera, which has got the film's lens."""
+        """Return the scene's camera, which has got the film's lens."""
         camera = context.scene.camera
         if camera is None or self._film is None or self._film.size_px != size_px:
             focal_mm = self._setup.focal_mm
@@ -165,7 +165,7 @@ class LiveSession:
         return camera
 
     def _filmed(self, frame: LiveFrame) -> Iterator[tuple[Side, FilmedHand]]:
-        """The hands by side; a hand has the side of its mean label."""
+        """Yield the hands by side; a hand has the side of its mean label."""
         tracks = []
         for hand in frame.hands:
             total, count = self._labels.get(hand.track, (0.0, 0))
@@ -213,7 +213,7 @@ class _Follower:
 
 
 def _show(camera: bpy.types.Object, picture: np.ndarray) -> None:
-    """The picture behind the scene, as the camera's background."""
+    """Show the picture behind the scene, as the camera's background."""
     height, width = picture.shape[:2]
     image = bpy.data.images.get(_IMAGE)
     if image is not None and tuple(image.size) != (width, height):
@@ -245,7 +245,7 @@ def _remove_picture() -> None:
 
 @persistent
 def _stop(*_) -> None:
-    """Before another file is opened."""
+    """Stop before another file is opened."""
     LiveSession.stop()
 
 

@@ -61,7 +61,7 @@ class Movie:
             self._scene = None
 
     def frames(self) -> Iterator[np.ndarray]:
-        """The frames in order, uint8 [H, W, 3] sRGB."""
+        """Yield the frames in order, uint8 [H, W, 3] sRGB."""
         from PIL import Image
 
         scene = self._scene

@@ -131,7 +131,7 @@ def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunR
 
 
 def parse_formats(text: str) -> tuple[str, ...]:
-    """`exr`, `png` or both -> each once, in the given order.
+    """Parse `exr`, `png` or both, each once, in the given order.
 
     Raises:
         argparse.ArgumentTypeError: the text has another format.

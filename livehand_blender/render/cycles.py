@@ -47,7 +47,7 @@ class CyclesEngine(bpy.types.RenderEngine):
 
 @contextlib.contextmanager
 def one_sample(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
-    """A context in which the evaluated scene asks for one sample in views; without Cycles' add-on it does nothing.
+    """Make the evaluated scene ask for one sample in views, within; without Cycles' add-on it does nothing.
 
     The original scene does not change. The number is stored past Blender's properties: setting one would tag the scene
     as changed, so that the view would be updated, and Cycles restarted, without end.
@@ -75,13 +75,13 @@ def one_sample(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
 
 
 def _stored(scene: bpy.types.Scene):
-    """What holds the values of add-ons' properties: before Blender 5 the custom properties."""
+    """Return what holds the values of add-ons' properties: before Blender 5 the custom properties."""
     get = getattr(scene, "bl_system_properties_get", None)
     return scene if get is None else get(do_create=True)
 
 
 def is_in_scene(scene: bpy.types.Scene) -> bool:
-    """Whether the hands are to be rendered in their scene.
+    """Return whether the hands are to be rendered in their scene.
 
     Raises:
         LiveHandError: Cycles is switched off.
@@ -97,7 +97,7 @@ def is_in_scene(scene: bpy.types.Scene) -> bool:
 
 
 def has_only_hands(depsgraph: bpy.types.Depsgraph) -> bool:
-    """Whether only hands are wanted, or nothing else is there to be seen."""
+    """Return whether only hands are wanted, or nothing else is there to be seen."""
     if depsgraph.scene.livehand.mode != "SCENE":
         return True
     return not any(
@@ -107,6 +107,6 @@ def has_only_hands(depsgraph: bpy.types.Depsgraph) -> bool:
 
 
 def scene_layer(passes: ScenePasses) -> SceneLayer:
-    """The colours and depths that hide the hands or lie behind them."""
+    """Return the colours and depths that hide the hands or lie behind them."""
     combined = passes["Combined"]
     return SceneLayer(combined[..., :3], combined[..., 3], passes["Depth"][..., 0])

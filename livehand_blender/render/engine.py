@@ -62,7 +62,7 @@ class LiveHandRender(CyclesEngine):
 
     @classmethod
     def register(cls):
-        """Called by Blender when the class is registered."""
+        """Set up what outlives a render, when Blender registers the class."""
         cls.hands_session = Session(load_renderer_in_blender)
         # Not declared above: Blender evaluates a class's annotations, `typing` caches them for ever, and Blender as a
         # module hangs at exit if a class of a module that imports bpy is still referenced.
@@ -72,7 +72,7 @@ class LiveHandRender(CyclesEngine):
 
     @classmethod
     def unregister(cls):
-        """Called by Blender when the class is unregistered; frees the avatars' memory."""
+        """Free the avatars' memory, when Blender unregisters the class."""
         cls.background.close()
         cls.viewport_shared.close()
         if cls.hands_session:
@@ -81,7 +81,7 @@ class LiveHandRender(CyclesEngine):
 
     @classmethod
     def required_session(cls) -> Session:
-        """The session.
+        """Return the session.
 
         Raises:
             LiveHandError: the class is not registered.
@@ -91,7 +91,7 @@ class LiveHandRender(CyclesEngine):
         return cls.hands_session
 
     def view_update(self, context, depsgraph):
-        """Called by Blender when the scene of a 3D view in Rendered shading has changed."""
+        """Update the view, when Blender reports that the scene of a 3D view in Rendered shading has changed."""
         viewport_of(self).update(context, depsgraph)
         with contextlib.ExitStack() as hidden:
             if viewport_of(self).has_image:
@@ -101,13 +101,13 @@ class LiveHandRender(CyclesEngine):
             super().view_update(context, depsgraph)
 
     def view_draw(self, context, depsgraph):
-        """Called by Blender to draw a 3D view: Cycles' preview, and the hands over it."""
+        """Draw a 3D view, when Blender asks for it: Cycles' preview, and the hands over it."""
         with self._cycles_at_rest(depsgraph):
             super().view_draw(context, depsgraph)
         viewport_of(self).draw(self, context, depsgraph)
 
     def _cycles_at_rest(self, depsgraph: bpy.types.Depsgraph) -> contextlib.AbstractContextManager[None]:
-        """A context in which Cycles takes one sample, if the image of the hands is all that the view is for."""
+        """Make Cycles take one sample within, if the image of the hands is all that the view is for."""
         try:
             is_for_hands = viewport_of(self).has_image and has_only_hands(depsgraph)
         except LiveHandError:  # a hand without a mesh, which the view reports
@@ -115,7 +115,7 @@ class LiveHandRender(CyclesEngine):
         return one_sample(depsgraph) if is_for_hands else contextlib.nullcontext()
 
     def update_render_passes(self, scene, renderlayer):
-        """Called by Blender to learn which sockets a view layer has in the compositor."""
+        """Register the sockets that a view layer has in the compositor, when Blender asks for them."""
         if is_in_scene(scene):
             super().update_render_passes(scene, renderlayer)
         for one in wanted_passes(renderlayer):
@@ -127,12 +127,12 @@ class LiveHandRender(CyclesEngine):
                 self.register_pass(scene, renderlayer, pass_name(group), 3, "RGB", "COLOR")
 
     def update(self, data, depsgraph):
-        """Called by Blender before the render of a view layer; Cycles prepares the scene."""
+        """Let Cycles prepare the scene, before Blender renders a view layer."""
         if is_in_scene(depsgraph.scene):
             super().update(data, depsgraph)
 
     def render(self, depsgraph):
-        """Called by Blender to render one frame of one view layer."""
+        """Render one frame of one view layer, when Blender asks for it."""
         try:
             self._render(depsgraph)
         except LiveHandError as error:
@@ -147,7 +147,7 @@ class LiveHandRender(CyclesEngine):
             self.report({"ERROR"}, f"LiveHand stopped on an unexpected {type(error).__name__}: {error}")
 
     def render_frame_finish(self):
-        """Called by Blender after the last view layer of a frame."""
+        """Finish a frame, after Blender has rendered its last view layer."""
         if self.session is not None:
             super().render_frame_finish()
 
@@ -165,7 +165,7 @@ class LiveHandRender(CyclesEngine):
             write_picture(self, frame, view.name, composed[0], scene, composed[1])
 
     def _in_background(self, work: Callable[[ShouldStop], Result], shows_progress: bool = False) -> Result | None:
-        """What the work returns, done in a thread of its own; None as soon as the user stops the render.
+        """Return what the work returns, done in a thread of its own; None as soon as the user stops the render.
 
         However long a stage takes, the user is asked all the time.
         """
@@ -173,7 +173,7 @@ class LiveHandRender(CyclesEngine):
         return self.background.run(work, self.test_break, on_progress)
 
     def _read(self, depsgraph: bpy.types.Depsgraph) -> FrameSetup | None:
-        """The frame's setup; None if the user has stopped the render while an avatar was loaded."""
+        """Read the frame's setup; None if the user has stopped the render while an avatar was loaded."""
         self.update_stats("", "LiveHand | reading the hands")
         session = self.required_session()
         hands = VisibleHands.read(depsgraph)
@@ -199,7 +199,7 @@ class LiveHandRender(CyclesEngine):
     def _render_views(
         self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup
     ) -> Iterator[tuple[ViewSetup, GroupedFrames, ScenePasses]]:
-        """Yields each view with its rendered hands and Cycles' passes; ends early if the user stops the render."""
+        """Yield each view with its rendered hands and Cycles' passes; ends early if the user stops the render."""
         results = self._begin_hands(depsgraph, frame)
         if frame.is_in_scene:
             self._render_scene(depsgraph, frame)
@@ -261,7 +261,7 @@ class LiveHandRender(CyclesEngine):
     def _compose(
         self, frame: FrameSetup, view: ViewSetup, frames: GroupedFrames, scene: ScenePasses
     ) -> tuple[Picture, Mapping[str, np.ndarray]]:
-        """The picture, and its light groups' passes."""
+        """Compose the picture, and its light groups' passes."""
         around = scene_layer(scene) if frame.is_in_scene else None
         surface = surface_of(view.task, view.motion) if frame.needs_surface else None
         convert = self._converter(frame)

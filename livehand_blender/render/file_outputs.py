@@ -42,7 +42,7 @@ def _warning(points: list[Path]) -> str | None:
 
 
 def _points(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Node, Path]]:
-    """The nodes that write, and where."""
+    """Yield the nodes that write, and where."""
     tree = scene.compositing_node_group if IS_GROUP else scene.use_nodes and scene.node_tree
     if not (tree and scene.render.use_compositing):
         return
@@ -53,7 +53,7 @@ def _points(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Node, Path]]:
 
 
 def _with_groups(tree: bpy.types.NodeTree, seen: list[bpy.types.NodeTree]) -> list[bpy.types.NodeTree]:
-    """The tree, and those of all groups in it, each once."""
+    """List the tree, and those of all groups in it, each once."""
     if tree not in seen:
         seen.append(tree)
         for node in tree.nodes:
@@ -64,7 +64,7 @@ def _with_groups(tree: bpy.types.NodeTree, seen: list[bpy.types.NodeTree]) -> li
 
 
 def _names_a_file(node: bpy.types.Node) -> bool:
-    """Whether the node's path is a file's, as that of many layers is until Blender 4."""
+    """Return whether the node's path is a file's, as that of many layers is until Blender 4."""
     return _BASE_PATH == "base_path" and node.format.file_format == "OPEN_EXR_MULTILAYER"
 
 

@@ -179,7 +179,7 @@ def read_frame_task(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgra
 
 
 def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[_Pair]) -> dict[str, Light]:
-    """Name of each hand that takes the scene's light -> the light on it at the frame itself."""
+    """Map each hand that takes the scene's light, by name, to the light on it at the frame itself."""
     lit = [visible for hand, visible in hands if hand.renderer.is_relightable]
     if not lit:
         return {}
@@ -195,13 +195,13 @@ def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[_Pair]) -> dict
 
 
 def _reflecting(hands: Sequence[_Pair]) -> dict[str, tuple[str, np.ndarray]]:
-    """Full mesh name and albedo [3] of each hand, by its name, that is no instance and whose avatar has an albedo."""
+    """Map a hand's name to its full mesh name and albedo [3], unless it is an instance or its avatar has no albedo."""
     own = [(visible, hand.renderer.mean_albedo) for hand, visible in hands if not visible.instance_id.instancer]
     return {hand.name: (hand.instance_id.name, albedo) for hand, albedo in own if albedo is not None}
 
 
 def _check_names(hands: Sequence[VisibleHand]) -> None:
-    """Cryptomatte knows an object by its name without its library: two hands' meshes must not share one."""
+    """Check that two hands' meshes share no name: Cryptomatte knows an object by its name without its library."""
     by_mesh: dict[str, VisibleHand] = {}
     for hand in hands:
         other = by_mesh.setdefault(hand.mesh.name, hand)
@@ -214,7 +214,7 @@ def _check_names(hands: Sequence[VisibleHand]) -> None:
 
 
 def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSettings) -> Iterator[str]:
-    """The name of each stereo view, after activating it; without stereo one empty name."""
+    """Yield the name of each stereo view, after activating it; without stereo one empty name."""
     if not render.use_multiview:
         yield ""
         return
@@ -231,7 +231,7 @@ def _read_task(
     lights: Mapping[str, Light],
     is_stereo: bool,
 ) -> FrameTask:
-    """The hands and the camera at every exposure sample."""
+    """Read the hands and the camera at every exposure sample."""
     camera, lens = _read_view(engine, depsgraph, is_stereo)
     samples = read_exposure(depsgraph.scene, lens) if hands else ()
     if samples == (SHARP,):
@@ -257,7 +257,7 @@ def _read_task(
 def _read_motion(
     engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, hands: Sequence[VisibleHand], is_stereo: bool
 ) -> tuple[np.ndarray, ...] | None:
-    """The motion of each hand's vertices in the image, as Cycles defines it; there is none beside motion blur."""
+    """Read the motion of each hand's vertices in the image, as Cycles defines it; there is none beside motion blur."""
     scene = depsgraph.scene
     if not depsgraph.view_layer.use_pass_vector or scene.render.use_motion_blur:
         return None
@@ -280,7 +280,7 @@ def _read_motion(
 def _read_view(
     engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, is_stereo: bool
 ) -> tuple[Camera, Lens | None]:
-    """The camera of the rendered region as evaluated now, and its lens."""
+    """Read the camera of the rendered region as evaluated now, and its lens."""
     render = depsgraph.scene.render
     region = render_region(render)
     camera = engine.camera_override or depsgraph.scene.camera
@@ -309,12 +309,12 @@ def _read_hands(
 
 
 def read_exposure(scene: bpy.types.Scene, lens: Lens | None) -> tuple[ExposureSample, ...]:
-    """The exposure samples of a frame, the one nearest to the frame itself first."""
+    """Read the exposure samples of a frame, the one nearest to the frame itself first."""
     return exposure_samples(scene.livehand.blur_samples, _read_shutter(scene.render), lens)
 
 
 def read_lens(camera: bpy.types.Object) -> Lens | None:
-    """The lens of an evaluated camera; None if its depth of field is off."""
+    """Read the lens of an evaluated camera; None if its depth of field is off."""
     settings = camera.data.dof
     if not settings.use_dof:
         return None
@@ -330,7 +330,7 @@ def _read_shutter(render: bpy.types.RenderSettings) -> Shutter | None:
 
 
 def _focus_m(camera: bpy.types.Object, settings: bpy.types.CameraDOFSettings) -> float:
-    """The depth of the plane of focus along the camera's axis, computed as Blender does."""
+    """Compute the depth of the plane of focus along the camera's axis, as Blender does."""
     target = settings.focus_object
     if target is None:
         return settings.focus_distance

@@ -121,7 +121,7 @@ class FrameWriter:
             raise not_written(path, str(error.strerror)) from error
 
     def _hand_tasks(self) -> list[HandTask]:
-        """Each hand once, in however many view layers and light groups, at the sample nearest to the frame itself."""
+        """List each hand once, in however many view layers and light groups, at the sample nearest to the frame."""
         tasks: list[HandTask] = []
         for lit in chain(*(submitted.samples[0] for submitted in self.queue.submitted if submitted.samples)):
             task = replace(lit, shot=replace(lit.shot, light=None))

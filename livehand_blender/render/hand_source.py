@@ -28,7 +28,7 @@ class HandSource:
     avatar_path: Path
 
     def renderer(self, session: Session, device: Device) -> HandRenderer:
-        """The hand's renderer; loading it may take seconds.
+        """Return the hand's renderer; loading it may take seconds.
 
         Raises:
             LiveHandError: a file or a package is missing, or they do not fit together.
@@ -37,7 +37,7 @@ class HandSource:
 
 
 def load_for(name: str, source: HandSource, session: Session, device: Device) -> HandRenderer:
-    """The renderer of the hand of this name, with which an error begins; raises as `HandSource.renderer`."""
+    """Load the renderer of the hand of this name, with which an error begins; raises as `HandSource.renderer`."""
     try:
         return source.renderer(session, device)
     except LiveHandError as error:
@@ -45,7 +45,7 @@ def load_for(name: str, source: HandSource, session: Session, device: Device) ->
 
 
 def hand_source(armature: bpy.types.Object) -> HandSource:
-    """The files that a hand names, with Blender's `//` resolved against the .blend that owns the hand."""
+    """Read the files that a hand names, with Blender's `//` resolved against the .blend that owns the hand."""
     owner, hand = armature.original, armature.original.livehand
     model_path, avatar_path = (
         Path(bpy.path.abspath(path, library=owner.library)) if path else None
@@ -72,7 +72,7 @@ def read_device(scene: bpy.types.Scene) -> Device:
 
 
 def read_grade(armature: bpy.types.Object) -> Grade:
-    """The *Match Plate* settings of an evaluated armature, which holds the animated values of its frame."""
+    """Read the *Match Plate* settings of an evaluated armature, which holds the animated values of its frame."""
     hand = armature.livehand
     return Grade(hand.exposure, tuple(hand.gain), tuple(hand.bias))
 
@@ -90,7 +90,7 @@ def load_renderer_in_blender(avatar_path: Path, hand: HandModel, device: Device)
 
 
 def packages_folder() -> Path | None:
-    """The folder in which the Blender program looks for the user's packages; None if Blender is a Python module.
+    """Find the folder in which the Blender program looks for the user's packages; None if Blender is a Python module.
 
     When it starts, the program adds the user's `scripts/modules` folder to the path, if the folder exists.
     """

@@ -34,7 +34,7 @@ class ViewTransform(NamedTuple):
 
     @classmethod
     def of_scene(cls, scene: bpy.types.Scene) -> ViewTransform:
-        """The scene's present settings."""
+        """Read the scene's present settings."""
         settings = scene.view_settings
         return cls(scene.display_settings.display_device, settings.view_transform, settings.look)
 
@@ -45,7 +45,7 @@ class ViewTransform(NamedTuple):
 
 
 def in_scene_colours(frame: Frame, scene: bpy.types.Scene) -> Frame:
-    """A backend frame in the scene's working space, with its look kept if the scene says so and it is not lit.
+    """Convert a backend frame to the working space, with its look kept if the scene says so and it is not lit.
 
     The colours of a lit hand are light, which the view transform is made for.
 
@@ -57,7 +57,7 @@ def in_scene_colours(frame: Frame, scene: bpy.types.Scene) -> Frame:
 
 
 def frame_with_kept_look(frame: Frame, scene: bpy.types.Scene) -> Frame:
-    """The frame with colours that are displayed as Standard displays its own; alpha and depth do not change."""
+    """Change the frame's colours to be displayed as Standard displays its own; alpha and depth do not change."""
     is_covered = frame.alpha > 0
     alpha = frame.alpha[is_covered][:, None]
     rgb = np.zeros_like(frame.rgb)
@@ -66,7 +66,7 @@ def frame_with_kept_look(frame: Frame, scene: bpy.types.Scene) -> Frame:
 
 
 def kept_look(rgb_linear: np.ndarray, scene: bpy.types.Scene) -> np.ndarray:
-    """The colours to render so that they are displayed as Standard displays `rgb_linear`.
+    """Compute the colours to render so that they are displayed as Standard displays `rgb_linear`.
 
     The first call for a view takes about a second. Colours that the view cannot display (bright saturated ones under
     AgX) come as near as possible.
@@ -96,7 +96,7 @@ def _inverse(view: ViewTransform) -> ViewInverse:
 
 
 def _shown(rgb_linear: np.ndarray, view: ViewTransform) -> np.ndarray:
-    """[N, 3] in [0, 1]: what Blender saves to a 16-bit PNG for linear Rec.709 colours.
+    """Compute [N, 3] in [0, 1]: what Blender saves to a 16-bit PNG for linear Rec.709 colours.
 
     It uses temporary data apart from the open file, so it may be called in the middle of a render.
 

@@ -38,24 +38,24 @@ class GroupedFrames:
 
 
 def light_groups(layer: bpy.types.ViewLayer) -> tuple[str, ...]:
-    """Names of a view layer's light groups."""
+    """List the names of a view layer's light groups."""
     return tuple(group.name for group in layer.lightgroups)
 
 
 def pass_name(group: str) -> str:
-    """Cycles' own."""
+    """Name the group's pass as Cycles does."""
     return f"Combined_{group}"
 
 
 def task_with_groups(task: FrameTask, groups: Sequence[str]) -> FrameTask:
-    """The task in which every lit hand is followed by itself in the light of each of its groups, if any is wanted."""
+    """Follow every lit hand of the task by itself in the light of each of its groups, if any is wanted."""
     if not groups:
         return task
     return FrameTask(tuple(tuple(one for hand in hands for one in (hand, *_in_groups(hand))) for hands in task.samples))
 
 
 def grouped_frames(task: FrameTask, groups: Sequence[str], samples: Sequence[ExposureFrames]) -> GroupedFrames:
-    """The frames of `task_with_groups(task, groups)`, sorted by group."""
+    """Sort the frames of `task_with_groups(task, groups)` by group."""
     if not groups:
         return GroupedFrames(tuple(samples), {})
     split = [_split(hands, frames) for hands, frames in zip(task.samples, samples, strict=True)]
@@ -72,7 +72,7 @@ def group_passes(
     convert: Callable[[Frame], Frame],
     scene: ScenePasses,
 ) -> dict[str, np.ndarray]:
-    """Name -> [H, W, 3] of each group's pass; a grade's bias, which is no light, belongs to no group.
+    """Map names to [H, W, 3] of each group's pass; a grade's bias, which is no light, belongs to no group.
 
     Args:
         frames: of the hands.
@@ -93,7 +93,7 @@ def group_passes(
 
 
 def _in_groups(hand: HandTask) -> list[HandTask]:
-    """The hand in the light of each of its groups, and in that of none."""
+    """List the hand in the light of each of its groups, and in that of none."""
     light = hand.shot.light
     groups = _groups_of(light)
     return [replace(hand, shot=replace(hand.shot, light=light.of_group(name))) for name in groups] if light else []
@@ -104,7 +104,7 @@ def _groups_of(light: Light | None) -> tuple[str, ...]:
 
 
 def _split(hands: Sequence[HandTask], frames: Sequence[Frame]) -> list[tuple[Frame, dict[str, Frame]]]:
-    """Each hand's frame in all light, and by group."""
+    """Split frames into each hand's frame in all light, and by group."""
     found, rest = [], list(frames)
     for hand in hands:
         groups = _groups_of(hand.shot.light)
@@ -114,7 +114,7 @@ def _split(hands: Sequence[HandTask], frames: Sequence[Frame]) -> list[tuple[Fra
 
 
 def _sharing(total: Frame, parts: Sequence[Frame]) -> list[Frame]:
-    """The parts, scaled so that they add up to the total; where no part has light, it is shared evenly."""
+    """Scale the parts so that they add up to the total; where no part has light, it is shared evenly."""
     if not parts:
         return []
     whole = reduce(np.add, (part.rgb for part in parts))
@@ -124,5 +124,5 @@ def _sharing(total: Frame, parts: Sequence[Frame]) -> list[Frame]:
 
 
 def _of_group(name: str, total: Frame, parts: Mapping[str, Frame]) -> Frame:
-    """The frame in a group's light; black where none of it falls on the hand."""
+    """Return the frame in a group's light; black where none of it falls on the hand."""
     return parts[name] if name in parts else replace(total, rgb=np.zeros_like(total.rgb))

@@ -6,7 +6,7 @@ film are the frame's, and it frees the depsgraph. The operator needs the main th
 a module and in 4.3's window, for stills, animations and beside a view in Rendered shading.
 
 The hand keeps its material: the passes are divided by its diffuse colour, so that they show a white surface, whereas
-what the hand sheds on itself has been reflected by skin.
+the light that the hand reflects on itself has been reflected by skin.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Measurement:
 
 
 def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lock) -> FrameSetup:
-    """The frame, its light measured on every hand that the scene lights, once for all samples of an exposure.
+    """Measure the frame's light on every hand that the scene lights, once for all samples of an exposure.
 
     It is measured on the avatar's surface, where it has one, for frames show that. Hands whose avatars have no albedo
     cannot make use of it.
@@ -115,13 +115,13 @@ def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lo
 
 
 def is_measured(frame: FrameSetup) -> bool:
-    """Whether the light on a hand was measured, which cannot be done ahead of its frame."""
+    """Return whether the light on a hand was measured, which cannot be done ahead of its frame."""
     tasks = (task for view in frame.views for sample in view.task.samples for task in sample)
     return any(task.shot.light is not None and task.shot.light.measured is not None for task in tasks)
 
 
 def box_of(shots: list[Shot], size_px: tuple[int, int]) -> Region | None:
-    """The part of the image that may show the hand, in whole map pixels; None if it is outside."""
+    """Find the part of the image that may show the hand, in whole map pixels; None if it is outside."""
     corners = [corner for shot in shots if (corner := _corners(shot.camera, shot.vertices))]
     if len(corners) < len(shots):  # it reaches behind the camera
         return Region(0, 0, size_px)
@@ -140,7 +140,7 @@ def _corners(camera: Camera, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def binning(size_px: tuple[int, int]) -> tuple[int, int]:
-    """Pixels of the image along the sides of a map pixel; odd sides, which have no half, keep theirs."""
+    """Count the pixels of the image along the sides of a map pixel; odd sides, which have no half, keep theirs."""
     width, height = (2 if n % 2 == 0 else 1 for n in size_px)
     return width, height
 
@@ -175,7 +175,7 @@ def measure(
 def measured_light(
     maps: Mapping[str, np.ndarray], box: Region, size_px: tuple[int, int], on_surface: bool = False
 ) -> MeasuredLight | None:
-    """The record of an image from Cycles' passes of its box; None if they show no diffuse surface.
+    """Make the record of an image from Cycles' passes of its box; None if they show no diffuse surface.
 
     `on_surface` as in `MeasuredLight`.
     """
@@ -200,7 +200,7 @@ def _binned(image: np.ndarray, step_x: int, step_y: int) -> np.ndarray:
 
 
 def _with_light(view: ViewSetup, number: int, measured: MeasuredLight | None) -> ViewSetup:
-    """The view with the measured light of one of its hands."""
+    """Add the measured light of one of its hands to the view."""
     samples = []
     for sample in view.task.samples:
         task = sample[number]
@@ -229,7 +229,7 @@ def _render(frame: FrameSetup, engine: type, measurement: Measurement, surface: 
 
 @contextlib.contextmanager
 def _silenced_handlers() -> Iterator[None]:
-    """A context in which no handler is called, which would take the render for the user's."""
+    """Keep handlers from being called within, which would take the render for the user's."""
     lists = [getattr(bpy.app.handlers, name) for name in _HANDLERS]
     before = [list(handlers) for handlers in lists]
     for handlers in lists:
@@ -243,7 +243,7 @@ def _silenced_handlers() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _copied(frame: FrameSetup, box: Region) -> Iterator[bpy.types.Scene]:
-    """A copy of the scene that shares its objects, set to render the passes; it is removed again."""
+    """Copy the scene, sharing its objects, set to render the passes; the copy is removed again."""
     scene = frame.scene.copy()
     camera = scene.camera.copy()
     camera.data = lens = camera.data.copy()
@@ -277,7 +277,7 @@ def _set_up(scene: bpy.types.Scene, layer_name: str) -> None:
 
 
 def samples_of(samples: int) -> int:
-    """With how many samples a pixel's light is measured in a scene that is rendered with so many."""
+    """Return with how many samples a pixel's light is measured in a scene that is rendered with so many."""
     return min(max(round(_SHARE * samples), _LEAST), _MOST)
 
 
@@ -295,7 +295,7 @@ def _limit(scene: bpy.types.Scene, original: bpy.types.Scene, box: Region) -> No
 
 @contextlib.contextmanager
 def measurement_proxy(scene: bpy.types.Scene, mesh_name: str, surface: SurfaceMesh) -> Iterator[str]:
-    """A context in which a scene has the surface besides the mesh object of this full name; yields its full name.
+    """Add the surface to a scene, within, besides the mesh object of this full name; yields its full name.
 
     Where light grazes or shadows end, the mesh's few faces do not tell what the skin receives that frames show. It has
     the mesh's first material, and rays meet it as they meet the mesh.
@@ -317,7 +317,7 @@ def measurement_proxy(scene: bpy.types.Scene, mesh_name: str, surface: SurfaceMe
 
 
 def is_light_linked(mesh_name: str) -> bool:
-    """Whether lamps are linked to the object of this full name, or kept off it; they would not know its stand-in."""
+    """Return whether lamps are linked to the object of this full name, or kept off it; they would miss its stand-in."""
     linking = (item.light_linking for item in bpy.data.objects)
     rules = (LinkRule.of(side) for one in linking for side in (one.receiver_collection, one.blocker_collection))
     return any(mesh_name in rule.excluded or mesh_name in (rule.included or ()) for rule in rules)

@@ -30,7 +30,7 @@ class LIVEHAND_PT_passes(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context):
-        """Shown with the LIVEHAND engine only."""
+        """Show it with the LIVEHAND engine only."""
         return context.engine in cls.COMPAT_ENGINES
 
     def draw(self, context):
@@ -51,7 +51,7 @@ class LIVEHAND_PT_hand_light(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context):
-        """Shown with the LIVEHAND engine only."""
+        """Show it with the LIVEHAND engine only."""
         return context.engine in cls.COMPAT_ENGINES
 
     def draw(self, context):
@@ -62,7 +62,7 @@ class LIVEHAND_PT_hand_light(bpy.types.Panel):
 
 
 def draw_mode(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """What a frame shows; and, where a transparent film takes away the world that a scene has, its switch."""
+    """Draw what a frame shows; and, where a transparent film takes away the world that a scene has, its switch."""
     layout.prop(scene.livehand, "mode")
     if scene.livehand.mode == "SCENE" and scene.render.film_transparent:
         box = layout.box()

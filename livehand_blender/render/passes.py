@@ -56,7 +56,7 @@ def _surface(name: str, channels: int = 3) -> Callable[[Picture, np.ndarray | No
 
 
 def _fade(picture: Picture) -> np.ndarray:
-    """Also where little of the hand is left."""
+    """Return the fade, also where little of the hand is left."""
     return (
         np.zeros((*picture.visible_alpha.shape, 1), np.float32) if picture.surface is None else picture.surface["fade"]
     )
@@ -79,18 +79,18 @@ CRYPTOMATTE_LEVELS = tuple(f"{CRYPTOMATTE}{number:02d}" for number in range(8)) 
 
 
 def wanted_passes(layer: bpy.types.ViewLayer) -> tuple[Pass, ...]:
-    """The passes that a view layer has switched on."""
+    """List the passes that a view layer has switched on."""
     return tuple(one for one in PASSES if one.is_wanted(layer))
 
 
 def cryptomatte_passes(layer: bpy.types.ViewLayer) -> tuple[str, ...]:
-    """Names of the object Cryptomatte passes, of two ranks each, that a view layer has switched on."""
+    """Name the object Cryptomatte passes, of two ranks each, that a view layer has switched on."""
     count = (layer.pass_cryptomatte_depth + 1) // PAIRS_PER_LEVEL if layer.use_pass_cryptomatte_object else 0
     return CRYPTOMATTE_LEVELS[:count]
 
 
 def drawn_passes(picture: Picture, names: Container[str], scene: ScenePasses) -> Iterator[tuple[str, np.ndarray]]:
-    """Name and values of each pass: ours, and Cycles' others."""
+    """Yield name and values of each pass: ours, and Cycles' others."""
     ours = {one.name: one.draw(picture, scene.get(one.name)) for one in PASSES if one.name in names}
     yield from {**scene, **ours, **_cryptomatte(picture, names, scene)}.items()
 

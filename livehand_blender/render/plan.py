@@ -54,7 +54,7 @@ class SequencePlan:
     precision: str | None = None
 
     def frames_of(self, scene: bpy.types.Scene) -> Sequence[int]:
-        """The numbers of the frames to render."""
+        """List the numbers of the frames to render."""
         return self.chunk.of(self.frames or range(scene.frame_start, scene.frame_end + 1, max(1, scene.frame_step)))
 
 
@@ -110,7 +110,7 @@ def apply_plan(scene: bpy.types.Scene, plan: SequencePlan) -> None:
 
 
 def blender_message(error: Exception) -> str:
-    """An operator's reports as one line, without the prefixes of Blender and LiveHand."""
+    """Join an operator's reports to one line, without the prefixes of Blender and LiveHand."""
     lines = [line.removeprefix("Error: ").removeprefix("LiveHand: ").strip() for line in str(error).splitlines()]
     return "; ".join(dict.fromkeys(line for line in lines if line))
 
@@ -154,7 +154,7 @@ class OutputSettings:
 
 
 def unreadable_images() -> Iterator[tuple[str, str]]:
-    """(name, reason) of each single-file image in the open .blend that is used and cannot be read."""
+    """Yield (name, reason) of each single-file image in the open .blend that is used and cannot be read."""
     for image in bpy.data.images:
         if image.source == "FILE" and image.users and image.packed_file is None:
             path = Path(bpy.path.abspath(image.filepath, library=image.library))

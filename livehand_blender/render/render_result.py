@@ -15,7 +15,7 @@ from .passes import CRYPTOMATTE, ScenePasses, drawn_passes
 
 
 def read_scene(result: bpy.types.RenderResult, layer: str, view: str, size_px: tuple[int, int]) -> ScenePasses:
-    """Cycles' passes of a view layer and stereo view, [H, W, C] by name, top row first."""
+    """Read Cycles' passes of a view layer and stereo view, [H, W, C] by name, top row first."""
     passes = next(one for one in result.layers if one.name == layer).passes
     names = dict.fromkeys(one.name for one in passes)
     return {name: _read_pass(passes.find_by_name(name, view), size_px) for name in names}
@@ -54,7 +54,7 @@ def write_picture(
 
 
 def _read_pass(render_pass: bpy.types.RenderPass, size_px: tuple[int, int]) -> np.ndarray:
-    """[H, W, C], top row first."""
+    """Read a pass [H, W, C], top row first."""
     width, height = size_px
     flat = np.empty(width * height * render_pass.channels, np.float32)
     render_pass.rect.foreach_get(flat)

@@ -129,7 +129,7 @@ class _Sequence:
         self._check_that_all_are_there()
 
     def _has_others(self) -> bool:
-        """Whether frames that stay are of another version; they are reported."""
+        """Return whether frames that stay are of another version; they are reported."""
         found = [(number, frame, self._differences(frame, self._missing(frame))) for number, frame in self._numbered]
         others = [one for one in found if one[-1]]
         for number, frame, differs in others:
@@ -175,7 +175,7 @@ class _Sequence:
         return leased
 
     def _jobs(self, frames: Iterable[tuple[int, int]], leased: list[tuple[int, int]]) -> Iterator[FrameJob]:
-        """Each finished frame, and each other frame after leasing it; frames of others are appended to `leased`."""
+        """Yield each finished frame, and each other frame after leasing it; append frames of others to `leased`."""
         for number, frame in frames:
             if not self._missing(frame):
                 yield FrameJob(number, frame)
@@ -219,7 +219,7 @@ class _Sequence:
         self.on_event(FrameProgress(frame, number, len(self.frames), state, seconds, differs))
 
     def _differences(self, frame: int, rendered: Sequence[str] = ()) -> tuple[str, ...]:
-        """In what a frame's files, but for those of these formats, differ from what would be rendered now."""
+        """List in what a frame's files, but for those of these formats, differ from what would be rendered now."""
         staying = [name for name in self.plan.formats if name not in rendered]
         records = self._paths(frame).records(staying) if staying else []
         found = [self.version.differences(record_of(records, name)) for name in staying]
@@ -237,7 +237,7 @@ class _Sequence:
 
 
 def _with_next(jobs: Iterator[FrameJob]) -> Iterator[tuple[FrameJob, FrameJob | None]]:
-    """Each job with the one that follows it, which is leased only then."""
+    """Yield each job with the one that follows it, which is leased only then."""
     job = next(jobs, None)
     while job:
         following = next(jobs, None)

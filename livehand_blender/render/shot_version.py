@@ -19,7 +19,7 @@ _TILES = ("<UDIM>", "<UVTILE>")
 
 
 def read_version(scene: bpy.types.Scene, shot: Path, opened: str | None, folder: Path) -> ShotVersion:
-    """The version of the open shot, with the plan applied.
+    """Read the version of the open shot, with the plan applied.
 
     Args:
         scene: of the shot.
@@ -51,7 +51,7 @@ def _digests(paths: Iterator[Path]) -> frozenset[str]:
 
 
 def _linked_files(folder: Path) -> Iterator[tuple[str, str | None]]:
-    """Path and digest of each file that the open .blend reads: libraries, images, films, caches, fonts, sounds."""
+    """Yield path and digest of each file that the .blend reads: libraries, images, films, caches, fonts, sounds."""
     sequences = {bpy.path.abspath(path, library=library) for path, library in _sequence_paths()}
     for name in sorted(set(bpy.utils.blend_paths(absolute=True, packed=False))):
         path = Path(name)
@@ -72,7 +72,7 @@ def _sequence_paths() -> Iterator[tuple[str, bpy.types.Library | None]]:
 
 
 def _siblings(path: Path) -> Iterator[Path]:
-    """The files of a sequence or of tiles: those whose names begin as this one's does before its number."""
+    """Yield the files of a sequence or of tiles: those whose names begin as this one's does before its number."""
     stem = path.stem
     for tile in _TILES:
         stem = stem.partition(tile)[0]

@@ -41,7 +41,7 @@ _WHITE, _SHADE = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.7)
 
 
 def viewport_of(engine) -> Viewport:
-    """The engine's viewport, made at the first call: not every engine that Blender makes is for a view."""
+    """Return the engine's viewport, made at the first call: not every engine that Blender makes is for a view."""
     if not hasattr(engine, "viewport"):
         engine.viewport = Viewport(type(engine).viewport_shared)
     return engine.viewport
@@ -75,7 +75,7 @@ class Viewport:
         self._triangles.forget_changed(depsgraph)
 
     def hand_meshes(self, depsgraph: bpy.types.Depsgraph) -> tuple[InstanceId, ...]:
-        """The meshes of all hands of a scene that has changed, which are read once for this and for the drawing.
+        """List the meshes of all hands of a changed scene, which are read once for this and for the drawing.
 
         Raises:
             LiveHandError: a hand of the scene has no mesh.
@@ -168,7 +168,7 @@ class Viewport:
 
 
 def _pixel_size(context: bpy.types.Context) -> int:
-    """Screen pixels along the side of a rendered pixel: the scene's *Pixel Size*, read as Cycles reads it."""
+    """Return the screen pixels along a rendered pixel's side: the scene's *Pixel Size*, read as Cycles reads it."""
     chosen = context.scene.render.preview_pixel_size
     if chosen != "AUTO":
         return int(chosen)
@@ -215,7 +215,7 @@ class Pace:
             self._seconds.clear()
 
     def _affordable_px(self, seconds: float) -> int:
-        """The largest side with time to spare, if a picture of the present side takes so long."""
+        """Compute the largest side with time to spare, if a picture of the present side takes so long."""
         per_pixel_s = seconds / self._side_px**2
         return max(
             (side for side in _SIDES_PX if per_pixel_s * side**2 <= _SPARE * self._wanted_s), default=_SIDES_PX[0]

@@ -39,7 +39,7 @@ class ViewportHand:
     hair: float = 0.0
 
     def task(self, session: Session, camera: Camera, quality: Quality = "final") -> HandTask:
-        """The task of rendering the hand; loads its avatar, and raises as `load_for`."""
+        """Make the task of rendering the hand; loads its avatar, and raises as `load_for`."""
         renderer = load_for(self.name, self.source, session, self.device)
         light = self.light.light() if self.light and renderer.is_relightable else None
         if light is not None:
@@ -80,5 +80,5 @@ def read_viewport_hands(
 
 
 def _is_in(space: bpy.types.SpaceView3D, hand: VisibleHand) -> bool:
-    """Whether a view shows it; in local view, instances follow what makes them."""
+    """Return whether a view shows it; in local view, instances follow what makes them."""
     return bool(hand.instance_id.instancer) or hand.mesh.visible_in_viewport_get(space)

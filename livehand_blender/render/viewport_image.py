@@ -56,7 +56,7 @@ class ViewportRequest:
     def render(
         self, session: Session, scale: float, should_stop: Callable[[], bool], quality: Quality = "final"
     ) -> ViewportImage | None:
-        """The image at `scale` times the view's resolution; None if no hand is in view.
+        """Render the image at `scale` times the view's resolution; None if no hand is in view.
 
         `quality` as in `Shot`: penumbras of a preview have no steps, those of a final image fine ones.
 

@@ -71,7 +71,7 @@ class RedrawTimer:
 
 
 def _tag_meshes() -> None:
-    """In Blender's main loop: a drawing callback must not tag anything."""
+    """Tag the meshes in Blender's main loop: a drawing callback must not tag anything."""
     for thing in bpy.data.objects:
         if thing.livehand.is_hand and thing.livehand.mesh is not None:
             thing.livehand.mesh.update_tag()

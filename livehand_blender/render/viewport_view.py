@@ -40,7 +40,7 @@ class RegionView(NamedTuple):
 
 
 def read_view(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> RegionView | None:
-    """The view of the context's region, cropped to the render border; None if the border lies outside.
+    """Read the view of the context's region, cropped to the render border; None if the border lies outside.
 
     Raises:
         LiveHandError: the view is orthographic.
@@ -56,7 +56,7 @@ def read_view(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> Reg
 
 
 def region_camera(view: bpy.types.RegionView3D, size_px: tuple[int, int]) -> Camera:
-    """The camera of a whole region.
+    """Read the camera of a whole region.
 
     Raises:
         LiveHandError: the view is orthographic.
@@ -83,7 +83,7 @@ def _has_border(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) ->
 
 
 def _border(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph, camera: Camera) -> Rectangle:
-    """The render border, cropped to the region."""
+    """Crop the render border to the region."""
     space = context.space_data
     width, height = camera.size_px
     if space.region_3d.view_perspective == "CAMERA":
@@ -98,7 +98,7 @@ def _border(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph, camera: 
 def _camera_border(
     space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph, camera: Camera
 ) -> tuple[float, float, float, float]:
-    """Left, top, right and bottom of the render border, px of a region that shows a camera's image."""
+    """Compute left, top, right and bottom of the render border, px of a region that shows a camera's image."""
     scene = depsgraph.scene
     viewed_from = space.camera if space.use_local_camera else scene.camera
     image = read_camera(viewed_from.evaluated_get(depsgraph), scene.render).K

@@ -40,7 +40,7 @@ _TARGET_M = 0.01  # length of a fingertip target's bone
 
 
 def build_armature(context: bpy.types.Context, model: HandModel, name: str) -> bpy.types.Object:
-    """A new armature object in the context's collection, left selected and active, in object mode.
+    """Add a new armature object to the context's collection, left selected and active, in object mode.
 
     Raises:
         LiveHandError: the context's collection is hidden from the view layer, so bones cannot be added.
@@ -56,7 +56,7 @@ def build_armature(context: bpy.types.Context, model: HandModel, name: str) -> b
 
 
 def rest_frames(armature: bpy.types.Object, side: Side) -> np.ndarray:
-    """[16, 3, 3] rest orientation B of the posed bones as Blender stores it (columns are the bone's axes)."""
+    """Compute the rest orientation B [16, 3, 3] of the posed bones as Blender stores it (columns: the bone's axes)."""
     bones = armature.data.bones
     return np.array([bones[bone_name(joint, side)].matrix_local.to_3x3() for joint in range(16)], np.float64)
 
@@ -150,7 +150,7 @@ def _add_bone(armature: bpy.types.Object, name: str, parent: str | None, placeme
 
 
 def _sort_into_collections(armature: bpy.types.Object, side: Side) -> None:
-    """Bone collections: FK, IK and Masters for the animator, Mechanism hidden."""
+    """Sort bones into collections: FK, IK and Masters for the animator, Mechanism hidden."""
     fk, ik, masters, hidden = (armature.data.collections.new(name) for name in COLLECTIONS)
     hidden.is_visible = False
     collection_of = {bone_name(joint, side): fk for joint in range(16)} | {forearm_name(side): fk}

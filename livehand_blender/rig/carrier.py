@@ -29,7 +29,7 @@ class Carrier:
 
     @classmethod
     def of(cls, hand: RiggedHand) -> Carrier:
-        """The bone that carries this hand."""
+        """Find the bone that carries this hand."""
         bone, wrist = hand.forearm or hand.bone(0), hand.bone(0)
         reach = np.array(wrist.bone.head_local, np.float64) - np.array(bone.bone.head_local, np.float64)
         return cls(bone, np.array(bone.bone.matrix_local.to_3x3(), np.float64), reach)
@@ -46,13 +46,13 @@ class Carrier:
         return self.transls(np.array(self.bone.location, np.float64), self.rotation)
 
     def locations(self, transls: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-        """[..., 3] location channels that move the wrist by transls [..., 3] m under rotations [..., 3, 3]."""
+        """Compute location channels [..., 3] that move the wrist by transls [..., 3] m under rotations [..., 3, 3]."""
         return (np.asarray(transls, np.float64) - self._swings(rotations)) @ self.frame
 
     def transls(self, locations: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-        """[..., 3] m that location channels [..., 3] move the wrist by under rotations [..., 3, 3]."""
+        """Compute [..., 3] m that location channels [..., 3] move the wrist by under rotations [..., 3, 3]."""
         return locations @ self.frame.T + self._swings(rotations)
 
     def _swings(self, rotations: np.ndarray) -> np.ndarray:
-        """[..., 3] m that rotations alone move the wrist by."""
+        """Compute [..., 3] m that rotations alone move the wrist by."""
         return rotations @ self.reach - self.reach

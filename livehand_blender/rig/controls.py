@@ -54,7 +54,7 @@ def add_controls(armature: bpy.types.Object, model: HandModel) -> None:
 
 
 def _turns(weights: Mapping[str, float], largest: Mapping[str, float], side: Side) -> dict[BoneTurn, float]:
-    """The weights of the master bones: a finger curls by its master's turn about X, and spreads by that about Z.
+    """Compute weights of the master bones: a finger curls by its master's turn about X, and spreads by that about Z.
 
     The joint that moves farthest, by a control's `largest` angle, turns as far as the master. The thumb spreads by
     bending, so its sign is chosen.
@@ -70,7 +70,7 @@ def _turns(weights: Mapping[str, float], largest: Mapping[str, float], side: Sid
 
 
 def has_masters(armature: bpy.types.Object) -> bool:
-    """Whether a hand has its master bones, which a user may have deleted."""
+    """Return whether a hand has its master bones, which a user may have deleted."""
     return all(master_name(finger, armature.livehand.side) in armature.pose.bones for finger in FINGERS)
 
 

@@ -84,7 +84,7 @@ def drive_by_rotation(
 
 
 def weighted_sum(terms: Mapping[str, float]) -> tuple[str, list[str]]:
-    """The expression of a sum of weight * product, and the sorted names of its variables."""
+    """Write the expression of a sum of weight * product, and the sorted names of its variables."""
     kept = {product: weight for product, weight in terms.items() if abs(weight) > _NEGLIGIBLE}
     expression = "+".join(f"{weight:.7g}*{product}" for product, weight in kept.items()).replace("+-", "-")
     assert len(expression) <= _MAX_EXPRESSION, expression

@@ -43,7 +43,7 @@ def add_fingertip_targets(armature: bpy.types.Object, side: Side) -> None:
 
 
 def has_fingertip_targets(armature: bpy.types.Object) -> bool:
-    """Whether a hand's armature has its IK targets, which a user may have deleted."""
+    """Return whether a hand's armature has its IK targets, which a user may have deleted."""
     return all(target_name(finger, armature.livehand.side) in armature.pose.bones for finger in FINGERS)
 
 
@@ -75,7 +75,7 @@ def move_bones_to_ik(context: bpy.types.Context, hand: RiggedHand, fingers: Iter
 
 
 def _control_rotation(evaluated: RiggedHand, joint: int) -> np.ndarray:
-    """[3, 3] the rotation that the finger controls add to a joint, in armature space."""
+    """Compute the rotation [3, 3] that the finger controls add to a joint, in armature space."""
     control = evaluated.armature.pose.bones[control_name(joint, evaluated.side)]
     frame = np.array(control.bone.matrix_local.to_3x3(), np.float64)
     return frame @ np.array(control.matrix_basis.to_3x3(), np.float64) @ frame.T

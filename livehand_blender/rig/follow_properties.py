@@ -41,7 +41,7 @@ class LIVEHAND_PG_other_rig(bpy.types.PropertyGroup):
 
 
 def tip_property(finger: str) -> str:
-    """The name of the property for the bone at a fingertip."""
+    """Name the property for the bone at a fingertip."""
     return f"{finger}_tip"
 
 

@@ -33,7 +33,7 @@ class RiggedHand:
 
     @classmethod
     def of(cls, armature: bpy.types.Object) -> RiggedHand:
-        """The hand that an armature object is.
+        """Return the hand that an armature object is.
 
         Raises:
             LiveHandError: the object is not a LiveHand hand, or one of its bones is missing.
@@ -51,7 +51,7 @@ class RiggedHand:
 
     @classmethod
     def active(cls, context: bpy.types.Context) -> RiggedHand:
-        """The context's active hand.
+        """Find the context's active hand.
 
         Raises:
             LiveHandError: no hand is active, or one of its bones is missing.
@@ -63,7 +63,7 @@ class RiggedHand:
 
     @classmethod
     def all_in(cls, scene: bpy.types.Scene) -> list[RiggedHand]:
-        """The hands of a scene, sorted by name.
+        """List the hands of a scene, sorted by name.
 
         Raises:
             LiveHandError: a bone of a hand is missing.
@@ -92,7 +92,7 @@ class RiggedHand:
         return load_hand_model(self.model_path or DEFAULT_HAND).for_side(self.side)
 
     def bone(self, joint: int) -> bpy.types.PoseBone:
-        """The bone that the animator rotates for a joint (MANO's order)."""
+        """Return the bone that the animator rotates for a joint (MANO's order)."""
         return self.armature.pose.bones[bone_name(joint, self.side)]
 
     @property
@@ -107,28 +107,28 @@ class RiggedHand:
         return joints if self.forearm is None else [*joints, self.forearm]
 
     def target(self, finger: str) -> bpy.types.PoseBone:
-        """A finger's IK target."""
+        """Return a finger's IK target."""
         return self.armature.pose.bones[target_name(finger, self.side)]
 
     def evaluated(self, depsgraph: bpy.types.Depsgraph) -> RiggedHand:
-        """The same hand as evaluated in a depsgraph's frame."""
+        """Return the same hand as evaluated in a depsgraph's frame."""
         return RiggedHand(self.armature.evaluated_get(depsgraph), self.side)
 
 
 def active_hand(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The armature of the active hand: the active object, or the parent of the active mesh; unchecked."""
+    """Find the armature of the active hand: the active object, or the parent of the active mesh; unchecked."""
     active = context.active_object
     candidates = (active, active and active.parent)
     return next((thing for thing in candidates if thing is not None and thing.livehand.is_hand), None)
 
 
 def find_hands(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The armatures of a scene's hands, sorted by name."""
+    """List the armatures of a scene's hands, sorted by name."""
     return sorted((thing for thing in scene.objects if thing.livehand.is_hand), key=lambda thing: thing.name)
 
 
 def all_hands(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The armatures of a scene's hands, and of those in collections that it instances, sorted by name."""
+    """List the armatures of a scene's hands, and of those in collections that it instances, sorted by name."""
     found: dict[int, bpy.types.Object] = {}
     _collect(scene.objects, found)
     return sorted(found.values(), key=lambda thing: thing.name)
@@ -143,7 +143,7 @@ def _collect(objects: Iterable[bpy.types.Object], found: dict[int, bpy.types.Obj
 
 
 def hand_of_mesh(mesh: bpy.types.Object) -> bpy.types.Object | None:
-    """The hand's armature whose mesh this object is; None if it is no hand's.
+    """Find the hand's armature whose mesh this object is; None if it is no hand's.
 
     Raises:
         LiveHandError: the hand deforms several meshes and none is chosen.
@@ -154,7 +154,7 @@ def hand_of_mesh(mesh: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def mesh_of(armature: bpy.types.Object) -> bpy.types.Object:
-    """The mesh that a hand's armature deforms.
+    """Find the mesh that a hand's armature deforms.
 
     A copy of the armature alone still refers to the first hand's mesh, so the mesh must also refer to the armature.
 
@@ -175,5 +175,5 @@ def mesh_of(armature: bpy.types.Object) -> bpy.types.Object:
 
 
 def is_skinned_to(thing: bpy.types.Object, armature: bpy.types.Object) -> bool:
-    """Whether an object is a mesh that this armature deforms."""
+    """Return whether an object is a mesh that this armature deforms."""
     return thing.type == "MESH" and thing.find_armature() == armature

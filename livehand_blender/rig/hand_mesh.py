@@ -20,7 +20,7 @@ _SKIN_COLOUR = (0.56, 0.31, 0.22, 1.0)
 
 
 def build_mesh(model: HandModel, armature: bpy.types.Object, name: str) -> bpy.types.Object:
-    """A mesh object skinned and parented to the armature, linked to the same collections."""
+    """Create a mesh object skinned and parented to the armature, linked to the same collections."""
     data = _new_mesh(model, name)
     mesh = bpy.data.objects.new(name, data)
     for collection in armature.users_collection:
@@ -49,7 +49,7 @@ def _new_mesh(model: HandModel, name: str) -> bpy.types.Mesh:
 
 
 def _skin_material() -> bpy.types.Material:
-    """A material of skin colour in Solid, EEVEE and Cycles."""
+    """Create a material of skin colour in Solid, EEVEE and Cycles."""
     material = bpy.data.materials.new("LiveHand Skin")
     material.diffuse_color = _SKIN_COLOUR
     material.roughness = 0.5

@@ -87,7 +87,7 @@ def key_hand(hand: RiggedHand, frame: float) -> None:
 
 
 def finger_channels(hand: RiggedHand, finger: str) -> Iterator[tuple[str, str]]:
-    """(data path, group) of each channel of a finger that an animator keys."""
+    """Yield (data path, group) of each channel of a finger that an animator keys."""
     for joint in finger_joints(finger):
         yield _rotation_channel(hand.bone(joint))
     target = hand.target(finger)
@@ -99,7 +99,7 @@ def finger_channels(hand: RiggedHand, finger: str) -> Iterator[tuple[str, str]]:
 
 
 def hand_channels(hand: RiggedHand) -> Iterator[tuple[str, str]]:
-    """(data path, group) of each channel of a hand's pose that an animator keys."""
+    """Yield (data path, group) of each channel of a hand's pose that an animator keys."""
     carrier = Carrier.of(hand).bone
     yield carrier.path_from_id("location"), carrier.name
     for bone in dict.fromkeys((carrier, hand.bone(0))):
@@ -115,14 +115,14 @@ def _rotation_channel(bone: bpy.types.PoseBone) -> tuple[str, str]:
 
 
 def _present_transls(hand: RiggedHand, frames: np.ndarray) -> np.ndarray:
-    """[T, 3] m that the keys and channels of the bone that carries the hand move it by in frames [T]."""
+    """Compute [T, 3] m that the keys and channels of the bone that carries the hand move it by in frames [T]."""
     carrier = Carrier.of(hand)
     locations = _present_values(hand.armature, carrier.bone, "location", frames)
     return carrier.transls(locations, _present_rotations(hand.armature, carrier, frames))
 
 
 def _present_rotations(armature: bpy.types.Object, carrier: Carrier, frames: np.ndarray) -> np.ndarray:
-    """[T, 3, 3] rotations of that bone in armature space in frames [T]."""
+    """Compute rotations [T, 3, 3] of that bone in armature space in frames [T]."""
     mode = carrier.bone.rotation_mode
     values = _present_values(armature, carrier.bone, _ROTATION_CHANNELS.get(mode, "rotation_euler"), frames)
     match mode:
@@ -139,7 +139,7 @@ def _present_rotations(armature: bpy.types.Object, carrier: Carrier, frames: np.
 def _present_values(
     armature: bpy.types.Object, bone: bpy.types.PoseBone, channel: str, frames: np.ndarray
 ) -> np.ndarray:
-    """[T, n] of an array property of a bone in frames [T], by its curves, or as it is where it has none."""
+    """Evaluate an array property [T, n] of a bone in frames [T], by its curves, or as it is where it has none."""
     values = np.tile(np.array(getattr(bone, channel), np.float64), (len(frames), 1))
     path = bone.path_from_id(channel)
     for curve in _curves(armature):
@@ -168,7 +168,7 @@ def _check(hand: RiggedHand, frames, values: np.ndarray, shape: tuple[int, ...],
 def _key_channels(
     armature: bpy.types.Object, bone: bpy.types.PoseBone, channel: str, frames: np.ndarray, values: np.ndarray
 ) -> None:
-    """Values [T, n] for the n channels of one array property of a bone."""
+    """Key values [T, n] for the n channels of one array property of a bone."""
     path = bone.path_from_id(channel)
     for index in range(values.shape[1]):
         curve = _ensure_curve(armature, path, index, bone.name)
@@ -192,7 +192,7 @@ def _ensure_curve(armature: bpy.types.Object, path: str, index: int, group: str)
 
 
 def _curves(armature: bpy.types.Object) -> Iterable[bpy.types.FCurve]:
-    """The curves that animate an armature."""
+    """Return the curves that animate an armature."""
     animation = armature.animation_data
     action = animation.action if animation else None
     if action is None:
@@ -222,7 +222,7 @@ def _set_keys(curve: bpy.types.FCurve, frames: np.ndarray, values: np.ndarray) -
 
 
 def _read_keys(points: bpy.types.FCurveKeyframePoints, name: str) -> np.ndarray:
-    """[K, n] of a channel of `_KEY_CHANNELS`."""
+    """Read [K, n] of a channel of `_KEY_CHANNELS`."""
     width, kind = _KEY_CHANNELS[name]
     flat = np.empty(width * len(points), kind)
     points.foreach_get(name, flat)

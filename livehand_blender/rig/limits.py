@@ -74,7 +74,7 @@ def _limit(armature: bpy.types.Object, bone: bpy.types.PoseBone, low: np.ndarray
 
 
 def joint_limits_rad(model: HandModel) -> np.ndarray:
-    """[15, 2, 3] smallest and largest rotation about X, Y and Z of joints 1..15, in Blender's order YZX."""
+    """Compute smallest and largest rotation [15, 2, 3] about X, Y and Z of joints 1..15, in Blender's order YZX."""
     ranges = np.empty((15, 2, 3))
     for finger in FINGERS:
         rows = [joint - 1 for joint in finger_joints(finger)]

@@ -32,7 +32,7 @@ from .sliders import read_beta, write_slider
 
 
 def read_hand_pose(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> HandPose:
-    """The pose of the hand that an armature is, see `read_pose`.
+    """Read the pose of the hand that an armature is, see `read_pose`.
 
     Raises:
         LiveHandError: the object is not a hand, a bone is missing, or a channel holds NaN.
@@ -41,7 +41,7 @@ def read_hand_pose(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -
 
 
 def read_pose(hand: RiggedHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
-    """A hand's parameters as evaluated in the depsgraph's frame.
+    """Read a hand's parameters as evaluated in the depsgraph's frame.
 
     Raises:
         LiveHandError: a channel holds NaN.
@@ -55,12 +55,12 @@ def read_pose(hand: RiggedHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
 
 
 def read_theta(evaluated: RiggedHand) -> np.ndarray:
-    """[16, 3] axis-angle per joint, rad, of an evaluated hand. Scale of bones is ignored."""
+    """Read [16, 3] axis-angle per joint, rad, of an evaluated hand. Scale of bones is ignored."""
     return _theta(_rotations(evaluated))
 
 
 def _rotations(evaluated: RiggedHand) -> np.ndarray:
-    """[16 or 17, 3, 3] in armature space, of an evaluated hand's `bones`."""
+    """Read [16 or 17, 3, 3] in armature space, of an evaluated hand's `bones`."""
     posed = np.array([bone.matrix.to_3x3() for bone in evaluated.bones], np.float64)
     lengths = np.linalg.norm(posed, axis=1, keepdims=True)
     # Constraints turn a channel's NaN into zeros, which must not be taken for a pose.
@@ -69,7 +69,7 @@ def _rotations(evaluated: RiggedHand) -> np.ndarray:
 
 
 def _frames(hand: RiggedHand) -> np.ndarray:
-    """[16 or 17, 3, 3] rest orientations of a hand's `bones`."""
+    """Read rest orientations [16 or 17, 3, 3] of a hand's `bones`."""
     frames = rest_frames(hand.armature, hand.side)
     return frames if hand.forearm is None else np.concatenate([frames, Carrier.of(hand).frame[None]])
 
@@ -130,7 +130,7 @@ def mirror_pose(hand: RiggedHand, other: RiggedHand, depsgraph: bpy.types.Depsgr
 
 
 def bone_quaternions(hand: RiggedHand, theta: np.ndarray, forearm: np.ndarray | None = None) -> np.ndarray:
-    """[..., 16 or 17, 4] own rotations (wxyz) of the hand's `bones`: basis = B^T R B.
+    """Compute own rotations (wxyz) [..., 16 or 17, 4] of the hand's `bones`: basis = B^T R B.
 
     Args:
         hand: whose bones are turned.

@@ -8,7 +8,7 @@ import bpy
 
 
 def selected_bones(armature: bpy.types.Object) -> set[str]:
-    """The names of the selected bones."""
+    """Return the names of the selected bones."""
     return {bone.name for bone in armature.pose.bones if _owner(bone).select}
 
 
@@ -19,5 +19,5 @@ def select_bones(armature: bpy.types.Object, names: Container[str]) -> None:
 
 
 def _owner(bone: bpy.types.PoseBone) -> bpy.types.PoseBone | bpy.types.Bone:
-    """Blender 5 moved a bone's selection to the pose."""
+    """Return what holds a bone's selection, which Blender 5 moved to the pose."""
     return bone if hasattr(bone, "select") else bone.bone

@@ -56,7 +56,7 @@ def _set_shape(bone: bpy.types.PoseBone, shape: bpy.types.Object, radius_m: floa
 
 
 def _shape(name: str) -> bpy.types.Object:
-    """This file's shape of that name, of radius 1, with Y along the bone."""
+    """Return this file's shape of that name, of radius 1, with Y along the bone."""
     shape = bpy.data.objects.get((name, None))
     if shape is not None:
         return _out_of_sight(shape)
@@ -67,7 +67,7 @@ def _shape(name: str) -> bpy.types.Object:
 
 
 def _out_of_sight(shape: bpy.types.Object) -> bpy.types.Object:
-    """In a hidden collection: Blender puts it, or objects without one, into the scene that a hand is appended to."""
+    """Hide it in a collection: Blender puts it, or objects without one, into the scene that a hand is appended to."""
     collection = bpy.data.collections.get((_COLLECTION, None)) or bpy.data.collections.new(_COLLECTION)
     collection.hide_viewport = collection.hide_render = True
     if shape.name not in collection.objects:

@@ -53,14 +53,14 @@ def remove_texture(hand: RiggedHand) -> None:
 
 
 def worn_texture(mesh: bpy.types.Object) -> bpy.types.Image | None:
-    """The picture that `wear_texture` gave the mesh; None: it has none."""
+    """Return the picture that `wear_texture` gave the mesh; None: it has none."""
     tree = mesh.active_material and mesh.active_material.node_tree
     node = tree.nodes.get(_NODE) if tree else None
     return node.image if node else None
 
 
 def _shader(mesh: bpy.types.Object) -> bpy.types.Node:
-    """The Principled BSDF of the mesh's active material, which must be ours to change."""
+    """Return the Principled BSDF of the mesh's active material, which must be ours to change."""
     material = mesh.active_material
     if material is None or material.node_tree is None:
         raise LiveHandError(f"{mesh.name} must have a material with nodes to wear a texture; give it one")
@@ -79,7 +79,7 @@ def _shader(mesh: bpy.types.Object) -> bpy.types.Node:
 
 
 def _loaded(path: Path) -> bpy.types.Image:
-    """The picture, read; an image of the same file that is loaded already is read again."""
+    """Load the picture; an image of the same file that is loaded already is read again."""
     if not path.is_file():
         raise LiveHandError(f"a texture must be an image file, there is none at {path}")
     image = bpy.data.images.load(str(path), check_existing=True)

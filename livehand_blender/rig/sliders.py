@@ -35,7 +35,7 @@ class Slider:
     limits: Mapping[str, float] = field(default_factory=dict)
 
     def value(self, value: Any) -> float | bool | list[float]:
-        """A value of the slider's type: Blender would make whole numbers of a property that is given one."""
+        """Convert a value to the slider's type: Blender would make whole numbers of a property that is given one."""
         if isinstance(self.default, tuple):
             return np.asarray(value, np.float64).tolist()
         return type(self.default)(value)
@@ -88,7 +88,7 @@ SLIDERS = {f"{finger}.{name}": slider for finger in FINGERS for name, slider in 
 
 
 def slider_path(name: str) -> str:
-    """The data path of a slider, or of an element of one such as `beta[3]`, from the armature."""
+    """Return the data path of a slider, or of an element of one such as `beta[3]`, from the armature."""
     slider, bracket, index = name.partition("[")
     return f'["{slider}"]{bracket}{index}'
 
@@ -103,13 +103,13 @@ def add_sliders(armature: bpy.types.Object) -> None:
 
 
 def read_slider(armature: bpy.types.Object, name: str) -> Any:
-    """The value of a slider of an original or an evaluated armature; its default if a user has removed it."""
+    """Read a slider of an original or an evaluated armature; its default if a user has removed it."""
     slider = SLIDERS[name]
     return slider.value(armature.get(name, slider.default))
 
 
 def read_beta(armature: bpy.types.Object) -> np.ndarray:
-    """[10] the shape coefficients of a hand."""
+    """Read the shape coefficients [10] of a hand."""
     return np.array(read_slider(armature, "beta"))
 
 

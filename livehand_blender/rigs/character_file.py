@@ -48,7 +48,7 @@ def open_character(path: Path) -> None:
 
 
 def find_armature(name: str | None) -> bpy.types.Object:
-    """The scene's armature of a name, or the only one that deforms a mesh.
+    """Find the scene's armature of a name, or the only one that deforms a mesh.
 
     Raises:
         LiveHandError: there is none, or several and no name was given.
@@ -62,7 +62,7 @@ def find_armature(name: str | None) -> bpy.types.Object:
 
 
 def find_mesh(name: str, armature: bpy.types.Object) -> bpy.types.Object:
-    """The mesh of a name, which the armature must deform.
+    """Find the mesh of a name, which the armature must deform.
 
     Raises:
         LiveHandError: there is none.
@@ -72,12 +72,12 @@ def find_mesh(name: str, armature: bpy.types.Object) -> bpy.types.Object:
 
 
 def skinned_meshes(armature: bpy.types.Object) -> list[bpy.types.Object]:
-    """The scene's meshes that an armature deforms."""
+    """List the scene's meshes that an armature deforms."""
     return [thing for thing in bpy.context.scene.objects if thing.type == "MESH" and thing.find_armature() == armature]
 
 
 def read_joint_map(armature: bpy.types.Object, side: Side | None, bones: Path | None) -> JointMap:
-    """The bones that are a hand's joints: from a file, or guessed.
+    """Read the bones that are a hand's joints from a file, or guess them.
 
     Args:
         armature: that has the bones.

@@ -74,7 +74,7 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
 
 
 def _natural_alignment(context: bpy.types.Context, source: SourceRig, alignment: RestAlignment) -> RestAlignment:
-    """The alignment with the source's present pose, if a hand can have that; else the given one."""
+    """Return the alignment with the source's present pose, if a hand can have that; else the given one."""
     evaluated = source.armature.evaluated_get(context.evaluated_depsgraph_get())
     posed = posed_skeleton(evaluated, source.joint_map)
     present = align(posed, source.joint_map, alignment.model, alignment.shape)
@@ -82,7 +82,7 @@ def _natural_alignment(context: bpy.types.Context, source: SourceRig, alignment:
 
 
 def is_following(armature: bpy.types.Object) -> bool:
-    """Whether a hand's armature follows another armature."""
+    """Return whether a hand's armature follows another armature."""
     return _name(_FOLLOWING, bone_name(0, armature.livehand.side)) in armature.data.bones
 
 
@@ -164,7 +164,7 @@ def _add_forearm(bones, arm: Carrier, wrist: np.ndarray, alignment: RestAlignmen
 
 @contextlib.contextmanager
 def _edit_bones(context: bpy.types.Context, armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
-    """Within, the edit bones of an armature; afterwards modes, selection and the active object are as before."""
+    """Yield the edit bones of an armature; afterwards modes, selection and the active object are as before."""
     objects = context.view_layer.objects
     active = objects.active
     mode = active.mode if active else "OBJECT"

@@ -103,7 +103,7 @@ def _check_free(path: Path, overwrites: bool, has_materials: bool) -> None:
 
 
 def mesh_skinned_to(armature: bpy.types.Object, joint_map: JointMap) -> bpy.types.Object:
-    """The armature's mesh that has vertices in the most of the joints' groups; of equals, more in the fingers' groups.
+    """Find the armature's mesh with vertices in the most of the joints' groups; of equals, more in the fingers' groups.
 
     Raises:
         LiveHandError: there is none.
@@ -116,7 +116,7 @@ def mesh_skinned_to(armature: bpy.types.Object, joint_map: JointMap) -> bpy.type
 
 
 def _group_and_vertex_count(mesh: bpy.types.Object, names: set[str]) -> tuple[int, int]:
-    """How many of the named vertex groups have vertices, and how many vertices they have."""
+    """Count the named vertex groups that have vertices, and how many vertices they have."""
     groups = {group.index for group in mesh.vertex_groups if group.name in names}
     own = [{element.group for element in vertex.groups} & groups for vertex in mesh.data.vertices]
     return len(set().union(*own)), sum(map(bool, own))

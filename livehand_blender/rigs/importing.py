@@ -97,14 +97,14 @@ def read_rig_file(
 
 
 def likely_unit(size: float) -> str:
-    """The unit in which a rig that is `size` times our hand, read in metres, has a hand's usual size."""
+    """Guess the unit in which a rig that is `size` times our hand, read in metres, has a hand's usual size."""
     common = [unit for unit in _COMMON_UNITS if SMALLEST_SIZE <= size * UNITS_M[unit] <= LARGEST_SIZE]
     return min(common or UNITS_M, key=lambda unit: abs(np.log(size * UNITS_M[unit])))
 
 
 @contextlib.contextmanager
 def _temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
-    """Within, the context has a new scene; afterwards it and everything created meanwhile are removed."""
+    """Give the context a new scene, within; afterwards it and everything created meanwhile are removed."""
     before = all_data()
     window, shown, render = context.window, context.scene, context.scene.render
     scene = bpy.data.scenes.new("LiveHand Import")
@@ -122,7 +122,7 @@ def _temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
 
 
 def _importer(suffix: str) -> Importer | None:
-    """A function that imports a path; None if the add-on is not enabled."""
+    """Find a function that imports a path; None if the add-on is not enabled."""
     if suffix == ".bvh" and hasattr(bpy.types, "IMPORT_ANIM_OT_bvh"):
         return lambda path: bpy.ops.import_anim.bvh(filepath=str(path), update_scene_fps=True, rotate_mode="QUATERNION")
     if suffix == ".fbx" and hasattr(bpy.types, "IMPORT_SCENE_OT_fbx"):
@@ -195,7 +195,7 @@ def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side)
 
 
 def _frames(armature: bpy.types.Object) -> range:
-    """From the first to the last key of the actions of the armature and its parents."""
+    """Find the range from the first to the last key of the actions of the armature and its parents."""
     ends = []
     thing: bpy.types.Object | None = armature
     while thing is not None:
@@ -208,6 +208,6 @@ def _frames(armature: bpy.types.Object) -> range:
 
 
 def all_data() -> set[bpy.types.ID]:
-    """Each data-block of the open file once; from Blender 5.2 on, `bpy.data` lists them by kind and all together."""
+    """Collect each data-block of the file once; from Blender 5.2 on, `bpy.data` lists them by kind and all together."""
     kinds = [prop.identifier for prop in bpy.data.bl_rna.properties if prop.type == "COLLECTION"]
     return {thing for kind in kinds for thing in getattr(bpy.data, kind)}

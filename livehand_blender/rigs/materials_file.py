@@ -132,7 +132,7 @@ def _subdivide_like(mesh: bpy.types.Object, source: bpy.types.Object) -> None:
 
 @contextlib.contextmanager
 def _packed(images: set[bpy.types.Image]) -> Iterator[None]:
-    """Within, the images are packed; those with unsaved painting stay packed."""
+    """Pack the images, within; those with unsaved painting stay packed."""
     packed = [image for image in images if not image.packed_files and image.source in {"FILE", "GENERATED", "TILED"}]
     for image in packed:
         try:

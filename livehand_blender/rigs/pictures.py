@@ -30,12 +30,12 @@ def find_pictures(folder: Path) -> None:
 
 
 def images_of(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Image]:
-    """All images that the materials' nodes use, in node groups too."""
+    """Collect all images that the materials' nodes use, in node groups too."""
     return {node.image for node in _image_nodes(materials)}
 
 
 def is_missing(image: bpy.types.Image) -> bool:
-    """Whether an image comes from a file that does not exist."""
+    """Return whether an image comes from a file that does not exist."""
     if image.source not in _FROM_FILES or image.packed_files or image.is_dirty:
         return False
     path = bpy.path.abspath(image.filepath, library=image.library)
@@ -46,7 +46,7 @@ def is_missing(image: bpy.types.Image) -> bool:
 
 @contextlib.contextmanager
 def plain_colours(materials: Iterable[bpy.types.Material | None], missing: set[bpy.types.Image]) -> Iterator[None]:
-    """Within, nodes with these images have an image of one colour instead: what their material has without them."""
+    """Replace these images in nodes, within, by an image of one colour: what their material has without them."""
     nodes = [(node, node.image) for node in _image_nodes(materials) if node.image in missing]
     stand_ins = []
     try:
@@ -75,7 +75,7 @@ def _image_nodes(materials: Iterable[bpy.types.Material | None]) -> list[bpy.typ
 
 
 def _colour_without(node: bpy.types.Node) -> tuple[float, ...]:
-    """The linear colour of the input that an image's colour goes to."""
+    """Read the linear colour of the input that an image's colour goes to."""
     for link in node.outputs[0].links:
         if link.to_node.type == "NORMAL_MAP":
             return _FLAT_NORMAL
@@ -94,7 +94,7 @@ def _plain_image(name: str, colour: tuple[float, ...]) -> bpy.types.Image:
 
 
 def _files_by_name(folder: Path) -> dict[str, Path]:
-    """Files in a folder and below by their names in lower case; those nearest to the folder count."""
+    """Map names in lower case to files in a folder and below; those nearest to the folder count."""
     found: dict[str, Path] = {}
     seen = 0
     for parent, _, names in os.walk(folder):

@@ -32,7 +32,7 @@ class RestMesh(NamedTuple):
 def read_rest_mesh(
     context: bpy.types.Context, mesh: bpy.types.Object, armature: bpy.types.Object, skeleton: SourceSkeleton
 ) -> RestMesh:
-    """The mesh with all modifiers except Subdivision, in the armature's rest pose.
+    """Read the mesh with all modifiers except Subdivision, in the armature's rest pose.
 
     Raises:
         LiveHandError: the mesh has no faces, or the armature's bones do not deform it.

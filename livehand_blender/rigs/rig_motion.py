@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def read_upright(path: Path, hand: HandModel, side: Side | None = None) -> HandMotion:
-    """A file's motion with the wrist at the origin of Blender's world; what speaks against it is printed."""
+    """Read a file's motion with the wrist at the origin of Blender's world; what speaks against it is printed."""
     found = _read(path, hand, side)
     if found.doubt:
         warn(f"livehand render: {path}: check the motion: {found.doubt}")
@@ -27,7 +27,7 @@ def read_upright(path: Path, hand: HandModel, side: Side | None = None) -> HandM
 
 
 def rig_facts(path: Path) -> dict[str, Any]:
-    """What a file holds, by name."""
+    """Describe what a file holds, by name."""
     found = _read(path, load_default_hand(), None)
     facts = {
         "kind": "animated rig",

@@ -35,7 +35,7 @@ class SourceRig:
 
 
 def align_hand(hand: RiggedHand, source: SourceRig, fits_shape: bool) -> RestAlignment:
-    """Our hand on the source's rest pose, with the source's proportions or with its own present shape and size.
+    """Align our hand to the source's rest pose, with the source's proportions or with its own present shape and size.
 
     Raises:
         LiveHandError: a bone is missing, joints coincide, or the source has a negative scale.
@@ -49,7 +49,7 @@ def align_hand(hand: RiggedHand, source: SourceRig, fits_shape: bool) -> RestAli
 
 
 def current_shape(hand: RiggedHand) -> HandShape:
-    """A hand's present shape and size."""
+    """Read a hand's present shape and size."""
     scale = float(np.mean(hand.armature.matrix_world.to_scale()))
     return HandShape(read_beta(hand.armature), scale)
 
@@ -64,7 +64,7 @@ def set_shape(context: bpy.types.Context, hand: RiggedHand, shape: HandShape) ->
 
 
 def sample_source(context: bpy.types.Context, source: SourceRig, frames: Iterable[int]) -> SourceMotion:
-    """The motion of the mapped bones in frames of the scene, with constraints.
+    """Sample the motion of the mapped bones in frames of the scene, with constraints.
 
     Raises:
         LiveHandError: a bone is missing, or a pose is not finite.
@@ -88,7 +88,7 @@ def sample_source(context: bpy.types.Context, source: SourceRig, frames: Iterabl
 
 
 def posed_skeleton(evaluated: bpy.types.Object, joint_map: JointMap) -> SourceSkeleton:
-    """The mapped bones of an evaluated armature in the world, without their hierarchy.
+    """Read the mapped bones of an evaluated armature in the world, without their hierarchy.
 
     Raises:
         LiveHandError: a bone is missing.
@@ -109,7 +109,7 @@ def _pose_bone(armature: bpy.types.Object, name: str) -> bpy.types.PoseBone:
 
 
 def _nearest_rotations(matrices: np.ndarray) -> np.ndarray:
-    """[16, 3, 3] without the scale and shear that chains of scaled bones produce."""
+    """Compute [16, 3, 3] without the scale and shear that chains of scaled bones produce."""
     if not np.isfinite(matrices).all():
         return matrices  # `SourceMotion` raises the error
     u, _, vh = np.linalg.svd(matrices)
@@ -117,7 +117,7 @@ def _nearest_rotations(matrices: np.ndarray) -> np.ndarray:
 
 
 def read_skeleton(armature: bpy.types.Object) -> SourceSkeleton:
-    """The rest pose of an armature's bones in the world, by the object's present transform with its scale."""
+    """Read the rest pose of an armature's bones in the world, by the object's present transform with its scale."""
     roots = [bone for bone in armature.data.bones if bone.parent is None]
     bones = [bone for root in roots for bone in (root, *root.children_recursive)]  # parents first
     index = {bone.name: number for number, bone in enumerate(bones)}

@@ -46,7 +46,7 @@ class Eye:
 
 
 def read_camera(camera: bpy.types.Object | None, render: bpy.types.RenderSettings, eye: Eye | None = None) -> Camera:
-    """The camera of the whole image; crop it to the border with `render_region` and `Camera.cropped`.
+    """Read the camera of the whole image; crop it to the border with `render_region` and `Camera.cropped`.
 
     Args:
         camera: evaluated camera object of the frame.
@@ -73,13 +73,13 @@ def read_camera(camera: bpy.types.Object | None, render: bpy.types.RenderSetting
 
 
 def image_size_px(render: bpy.types.RenderSettings) -> tuple[int, int]:
-    """(width, height) of the whole image after the percentage, rounded down as Blender does."""
+    """Compute (width, height) of the whole image after the percentage, rounded down as Blender does."""
     percentage = render.resolution_percentage
     return render.resolution_x * percentage // 100, render.resolution_y * percentage // 100
 
 
 def render_region(render: bpy.types.RenderSettings) -> Region:
-    """The render border in whole pixels, rounded as Blender does, or the whole image.
+    """Compute the render border in whole pixels, rounded as Blender does, or the whole image.
 
     Raises:
         LiveHandError: the border holds no pixel.
@@ -98,12 +98,12 @@ def render_region(render: bpy.types.RenderSettings) -> Region:
 
 
 def output_size_px(render: bpy.types.RenderSettings) -> tuple[int, int]:
-    """(width, height) of the file that Blender writes."""
+    """Compute (width, height) of the file that Blender writes."""
     return render_region(render).size_px if render.use_crop_to_border else image_size_px(render)
 
 
 def _intrinsics(lens: bpy.types.Camera, shift_x: float, size_px: tuple[int, int], pixel_aspect: float) -> np.ndarray:
-    """K, px. `pixel_aspect` is a pixel's height over its width."""
+    """Compute K, px. `pixel_aspect` is a pixel's height over its width."""
     width, height = size_px
     fit = lens.sensor_fit
     if fit == "AUTO":

@@ -15,13 +15,13 @@ from ...backend.records.frame import Frame
 
 
 def in_working_space(frame: Frame) -> Frame:
-    """The frame in the scene's working space."""
+    """Convert the frame to the scene's working space."""
     matrix = rec709_to_working_space()
     return frame if np.array_equal(matrix, np.eye(3)) else replace(frame, rgb=frame.rgb @ matrix.T)
 
 
 def rec709_to_working_space() -> np.ndarray:
-    """[3, 3], exactly the identity if the scene works in Rec.709, as all files before Blender 5 do."""
+    """Compute [3, 3], exactly the identity if the scene works in Rec.709, as all files before Blender 5 do."""
     columns = [mathutils.Color(axis).from_rec709_linear_to_scene_linear() for axis in np.eye(3)]
     matrix = np.array(columns, np.float32).T
     # Blender converts through XYZ in single precision: the identity comes back 5e-6 off.
@@ -29,6 +29,6 @@ def rec709_to_working_space() -> np.ndarray:
 
 
 def in_rec709(rgb: np.ndarray) -> np.ndarray:
-    """[..., 3] colours of the scene's working space in linear Rec.709."""
+    """Convert colours [..., 3] of the scene's working space to linear Rec.709."""
     matrix = rec709_to_working_space()
     return rgb if np.array_equal(matrix, np.eye(3)) else rgb @ np.linalg.inv(matrix).T

@@ -11,12 +11,12 @@ _PATH_TEMPLATES = (4, 5, 0)
 
 
 def operator_path(path: Path) -> str:
-    """An absolute path for Blender's operators and functions; `//out`, which POSIX allows, becomes `/out`."""
+    """Make a path absolute for Blender's operators and functions; `//out`, which POSIX allows, becomes `/out`."""
     path = path.absolute()
     return str(Path("/", *path.parts[1:]) if path.anchor == "//" else path)
 
 
 def output_path(path: Path) -> str:
-    """An absolute path for Blender's output settings, with its braces escaped."""
+    """Make a path absolute for Blender's output settings, with its braces escaped."""
     text = operator_path(path)
     return text.replace("{", "{{").replace("}", "}}") if bpy.app.version >= _PATH_TEMPLATES else text

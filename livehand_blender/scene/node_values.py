@@ -1,4 +1,4 @@
-"""The content of a node tree as plain values: by it two trees are known to shine alike."""
+"""The content of a node tree as plain values: trees with equal values emit alike."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ _MAX_DEPTH = 4
 
 
 def used_nodes(owner: bpy.types.Light | bpy.types.World | bpy.types.Material) -> bpy.types.NodeTree | None:
-    """The nodes that shade it; None if it has none, or they are switched off."""
+    """Return the nodes that shade it; None if it has none, or they are switched off."""
     with warnings.catch_warnings():  # in later versions nodes are always on, and the switch warns that it will go
         warnings.simplefilter("ignore", DeprecationWarning)
         return owner.node_tree if getattr(owner, "use_nodes", True) else None
 
 
 def tree_values(tree: bpy.types.NodeTree) -> list[Any]:
-    """Nodes, links and values of a tree and of the groups in it, images by path, size and time of change."""
+    """List nodes, links and values of a tree and of the groups in it, images by path, size and time of change."""
     nodes = [
         # A Value or RGB node keeps its value in its output.
         [
@@ -64,12 +64,12 @@ def tree_values(tree: bpy.types.NodeTree) -> list[Any]:
 
 
 def images_of(tree: bpy.types.NodeTree) -> list[bpy.types.Image]:
-    """The images of a tree and of the groups in it."""
+    """List the images of a tree and of the groups in it."""
     return [node.image for node in _all_nodes(tree, set()) if getattr(node, "image", None)]
 
 
 def objects_of(tree: bpy.types.NodeTree) -> list[bpy.types.Object]:
-    """The objects whose coordinates nodes of a tree use, and of the groups in it."""
+    """List the objects whose coordinates nodes of a tree use, and of the groups in it."""
     return [node.object for node in _all_nodes(tree, set()) if getattr(node, "object", None)]
 
 
@@ -87,7 +87,7 @@ def _defaults(sockets: Iterable[bpy.types.NodeSocket]) -> list[Any]:
 
 
 def _values(owner: bpy.types.bpy_struct, depth: int) -> list[Any]:
-    """Every property of a node or of what it holds: colour ramps, curve mappings, texture mappings."""
+    """List every property of a node or of what it holds: colour ramps, curve mappings, texture mappings."""
     if depth > _MAX_DEPTH:
         return []
     return [
@@ -114,7 +114,7 @@ def _value(one: bpy.types.Property, value: Any, depth: int) -> Any:
 
 
 def image_state(image: bpy.types.Image) -> list[Any]:
-    """What tells whether an image has changed: its file's size and time, or its pixels where no file holds them."""
+    """List what shows that an image has changed: its file's size and time, or its pixels where no file holds them."""
     path = bpy.path.abspath(image.filepath, library=image.library)
     try:
         status = os.stat(path)
@@ -135,7 +135,7 @@ def image_state(image: bpy.types.Image) -> list[Any]:
 
 
 def _pixels(image: bpy.types.Image) -> str:
-    """A hash of the pixels of an image that no file holds."""
+    """Hash the pixels of an image that no file holds."""
     if image.source != "GENERATED" and not image.is_dirty:
         return ""
     pixels = np.empty(len(image.pixels), np.float32)

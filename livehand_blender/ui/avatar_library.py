@@ -28,7 +28,7 @@ class AvatarLibrary:
         bpy.utils.previews.remove(self._icons)
 
     def offered(self, context: bpy.types.Context, armature: bpy.types.Object) -> list[AvatarMetadata]:
-        """Avatars of the hand's own model: LiveHand's, and those in three folders.
+        """List avatars of the hand's own model: LiveHand's, and those in three folders.
 
         The folders are the one of the preferences, that of the hand's avatar, and that of the hand's model. Files that
         are not avatars are left out.
@@ -39,7 +39,7 @@ class AvatarLibrary:
         return [avatar for avatar in found if isinstance(avatar, AvatarMetadata) and avatar.hand_sha256 == sha256]
 
     def metadata(self, path: Path) -> AvatarMetadata:
-        """An avatar's metadata.
+        """Read an avatar's metadata.
 
         Raises:
             LiveHandError: as `read_metadata`.
@@ -50,7 +50,7 @@ class AvatarLibrary:
         return found
 
     def icon(self, avatar: AvatarMetadata) -> int:
-        """Blender's number of the thumbnail's icon; 0 (no icon) if the avatar has no thumbnail."""
+        """Return Blender's number of the thumbnail's icon; 0 (no icon) if the avatar has no thumbnail."""
         if avatar.thumbnail is None:
             return 0
         name = f"{avatar.path} {self._read[avatar.path][0]}"
@@ -62,7 +62,7 @@ class AvatarLibrary:
         return self._icons[name].icon_id
 
     def _metadata(self, path: Path) -> AvatarMetadata | LiveHandError:
-        """Errors are remembered too, because panels call this at every redraw."""
+        """Read metadata; errors are remembered too, because panels call this at every redraw."""
         stamp = path.stat().st_mtime_ns if path.is_file() else 0
         if self._read.get(path, (None,))[0] != stamp:
             try:
@@ -73,7 +73,7 @@ class AvatarLibrary:
 
 
 def _premultiplied(thumbnail: np.ndarray) -> np.ndarray:
-    """[H, W, 4] float32 in 0..1, as Blender draws icons; straight alpha would give the hand a bright rim."""
+    """Premultiply to [H, W, 4] float32 in 0..1, as Blender draws icons; straight alpha would give a bright rim."""
     pixels = thumbnail.astype(np.float32) / 255
     pixels[..., :3] *= pixels[..., 3:]
     return pixels

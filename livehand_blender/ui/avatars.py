@@ -38,7 +38,7 @@ class LIVEHAND_OT_wear_avatar(OnHand, bpy.types.Operator):
 
     @classmethod
     def description(cls, context, properties):
-        """The tooltip of one button names the file."""
+        """Name the file in the tooltip of one button."""
         return f"Use {Path(properties.filepath).name}"
 
     @reports_errors
@@ -79,16 +79,16 @@ class LIVEHAND_PT_avatar(HandTab, bpy.types.Panel):
 
     @classmethod
     def register(cls):
-        """Blender calls this when it registers the class."""
+        """Open the library, when Blender registers the class."""
         cls.library = AvatarLibrary()
 
     @classmethod
     def unregister(cls):
-        """Blender calls this when it unregisters the class."""
+        """Close the library, when Blender unregisters the class."""
         cls.library.close()
 
     def draw(self, context):
-        """Thumbnail and facts, then the properties."""
+        """Draw thumbnail and facts, then the properties."""
         layout = self.layout
         armature = polled_hand(context)
         try:
@@ -112,7 +112,7 @@ class LIVEHAND_PT_choose_avatar(Tab, bpy.types.Panel):
     bl_ui_units_x = 16
 
     def draw(self, context):
-        """One button below each thumbnail."""
+        """Draw one button below each thumbnail."""
         armature = polled_hand(context)
         library = LIVEHAND_PT_avatar.library
         current = hand_source(armature).avatar_path.resolve()
@@ -140,7 +140,7 @@ def _draw_avatar(
 
 
 def draw_choice(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
-    """A button with the current avatar's name that opens the choice."""
+    """Draw a button with the current avatar's name that opens the choice."""
     try:
         name = LIVEHAND_PT_avatar.library.metadata(hand_source(armature).avatar_path).name
     except LiveHandError:
@@ -152,7 +152,7 @@ def draw_choice(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
 
 
 def facts(avatar: AvatarMetadata) -> tuple[str, ...]:
-    """Lines of text about an avatar: name, licence, figures, origin."""
+    """List lines of text about an avatar: name, licence, figures, origin."""
     licence = f"Licence: {avatar.licence or 'not stated'}"
     figures = avatar.figures or ("not measured (livehand evaluate --record)",)
     return (avatar.name, licence, *figures, *filter(None, (avatar.made_from,)))

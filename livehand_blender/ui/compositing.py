@@ -91,11 +91,11 @@ class LIVEHAND_PT_compositing(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context):
-        """Shown while compositor nodes are edited."""
+        """Show it while compositor nodes are edited."""
         return context.space_data.tree_type == "CompositorNodeTree"
 
     def draw(self, context):
-        """One button for each set-up."""
+        """Draw one button for each set-up."""
         column = self.layout.column()
         column.operator("livehand.setup_compositing", icon="RENDERLAYERS")
         column.operator("livehand.load_sequence_over_plate", icon="RENDER_RESULT")
@@ -105,7 +105,7 @@ CLASSES = (LIVEHAND_OT_setup_compositing, LIVEHAND_OT_load_sequence_over_plate, 
 
 
 def _scene(name: str) -> bpy.types.Scene | None:
-    """The scene of a name, or None for an empty name.
+    """Find the scene of a name, or None for an empty name.
 
     Raises:
         LiveHandError: there is none.
@@ -118,7 +118,7 @@ def _scene(name: str) -> bpy.types.Scene | None:
 def _plate_source(
     operator: LIVEHAND_OT_load_sequence_over_plate, scene: bpy.types.Scene
 ) -> ImageFiles | bpy.types.MovieClip:
-    """The operator's file, or the scene's clip if no file is set.
+    """Return the operator's file, or the scene's clip if no file is set.
 
     Raises:
         LiveHandError: there is neither, or the file does not exist.

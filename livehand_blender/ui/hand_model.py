@@ -38,7 +38,7 @@ class LIVEHAND_OT_make_hand_model(bpy.types.Operator, ExportHelper):
 
     @classmethod
     def poll(cls, context):
-        """Enabled on a mesh with an armature, in Object Mode."""
+        """Enable it on a mesh with an armature, in Object Mode."""
         mesh = context.active_object
         if mesh is None or mesh.type != "MESH" or mesh.find_armature() is None:
             cls.poll_message_set("select a mesh that is deformed by an armature first")
@@ -72,7 +72,7 @@ class LIVEHAND_PT_hand_model(Tab, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        """The operator."""
+        """Draw the operator."""
         self.layout.operator("livehand.make_hand_model", icon="MESH_DATA")
 
 

@@ -61,7 +61,7 @@ class _Move:
 
 @persistent
 def _look(*_) -> None:
-    """After each change of the file."""
+    """Look for a new move after each change of the file."""
     armature = active_hand(bpy.context) if not _Move.grabbed and _is_transforming() else None
     if armature is not None and armature.mode == "POSE" and has_fingertip_targets(armature):
         bones = [bone.name for bone in bpy.context.selected_pose_bones or ()]

@@ -42,7 +42,7 @@ class LIVEHAND_OT_live(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Enabled once packages, PyAV and the tracker's networks are there, and nothing runs."""
+        """Enable it once packages, PyAV and the tracker's networks are there, and nothing runs."""
         if missing_requirements():
             cls.poll_message_set("Python packages are missing; see the Render panel")
             return False
@@ -59,7 +59,7 @@ class LIVEHAND_OT_live(bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self)
 
     def draw(self, context):
-        """The settings of the chosen source."""
+        """Draw the settings of the chosen source."""
         self.layout.use_property_split = True
         self.layout.prop(self, "kind")
         self.layout.prop(self, "camera" if self.kind == "CAMERA" else "filepath")
@@ -84,7 +84,7 @@ class LIVEHAND_OT_live(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        """A step a tick; the session ends with Esc, its file, its camera, or when another ends it."""
+        """Take a step a tick; the session ends with Esc, its file, its camera, or when another ends it."""
         if LiveSession.running is not self._session:
             return self._ended(context)
         if event.type == "ESC":
@@ -103,7 +103,7 @@ class LIVEHAND_OT_live(bpy.types.Operator):
         return {"PASS_THROUGH"}
 
     def cancel(self, context):
-        """The window was closed: nothing can be keyed any more."""
+        """Stop when the window was closed: nothing can be keyed any more."""
         context.window_manager.event_timer_remove(self._timer)
         if LiveSession.running is self._session:
             LiveSession.stop()
@@ -123,7 +123,7 @@ class _WhileLive:
 
     @classmethod
     def poll(cls, context):
-        """Enabled while hands follow a camera."""
+        """Enable it while hands follow a camera."""
         return LiveSession.running is not None
 
 

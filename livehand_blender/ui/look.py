@@ -48,7 +48,7 @@ class LIVEHAND_PT_look(HandTab, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        """The texture that the mesh wears, if any, and the operators."""
+        """Draw the texture that the mesh wears, if any, and the operators."""
         armature = polled_hand(context)
         image = worn_texture(armature.livehand.mesh) if armature.livehand.mesh else None
         if image is not None:

@@ -14,14 +14,14 @@ from ..rig.hand import active_hand
 
 
 def polled_hand(context: bpy.types.Context) -> bpy.types.Object:
-    """The active hand's armature, in a panel or operator whose `poll` has succeeded."""
+    """Return the active hand's armature, in a panel or operator whose `poll` has succeeded."""
     armature = active_hand(context)
     assert armature is not None
     return armature
 
 
 def reports_errors(execute: Callable[..., None]) -> Callable[..., set[str]]:
-    """For an operator's `execute`: return FINISHED, or report a LiveHandError and return CANCELLED."""
+    """Make an operator's `execute` return FINISHED, or report a LiveHandError and return CANCELLED."""
 
     @functools.wraps(execute)
     def reporting(self, context):
@@ -42,7 +42,7 @@ class OnHand:
 
     @classmethod
     def poll(cls, context):
-        """Enabled if a hand is active."""
+        """Enable it if a hand is active."""
         if active_hand(context) is None:
             cls.poll_message_set("select a LiveHand hand first")
             return False
@@ -59,7 +59,7 @@ class FrameRange:
     last: IntProperty(name="Last", description="Last frame", default=250)
 
     def frames(self, scene: bpy.types.Scene) -> range:
-        """The chosen frames.
+        """Return the chosen frames.
 
         Raises:
             LiveHandError: the last frame lies before the first.
@@ -70,7 +70,7 @@ class FrameRange:
         return range(first, last + 1)
 
     def draw(self, context):
-        """The frames, of which the last two are inactive if the scene's range is used."""
+        """Draw the frames, of which the last two are inactive if the scene's range is used."""
         self.layout.use_property_split = True
         self.layout.prop(self, "use_scene_range")
         column = self.layout.column(align=True)
@@ -94,5 +94,5 @@ class HandTab(Tab):
 
     @classmethod
     def poll(cls, context):
-        """Shown if a hand is active."""
+        """Show it if a hand is active."""
         return active_hand(context) is not None

@@ -54,7 +54,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         return self.invoke_popup(context)
 
     def draw(self, context):
-        """The detected format, then the settings."""
+        """Draw the detected format, then the settings."""
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -74,7 +74,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         self.report({"INFO"}, f"Keyed {keyed} from frame {self.start_frame}")
 
     def _key_poses(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, str | None]:
-        """What was keyed, and why the file may have been misread."""
+        """Key the poses; return what was keyed, and why the file may have been misread."""
         options = replace(self._options(), picture_camera=self._picture_camera(context.scene))
         file = with_options(open_files(self._paths()), options)
         if isinstance(file, TakeFile):
@@ -90,14 +90,14 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         return f"{count} frames of {file.info.format}", doubt
 
     def _key_take(self, context: bpy.types.Context, hand: RiggedHand, file: TakeFile) -> tuple[str, str | None]:
-        """As `_key_poses`, for a filmed take, fitted to the hand's own shape."""
+        """Key, as `_key_poses`, a filmed take, fitted to the hand's own shape."""
         fit = file.with_changes(beta=read_beta(hand.armature)).fit(hand.model)
         placement = replace(self._placement(), space="opencv", sets_shape=False, camera=self._camera(context.scene))
         count = key_take(context.scene, hand, fit, placement)
         return f"{count} frames of a {file.info.format}", doubt_of(fit)
 
     def _key_rig(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, str | None]:
-        """As `_key_poses`, for an armature in a file."""
+        """Key, as `_key_poses`, an armature in a file."""
         paths = self._paths()
         if len(paths) > 1:
             raise LiveHandError(f"a rig's motion must be one file, got {len(paths)}; import them one by one")
@@ -135,7 +135,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         return np.array(scene.camera.matrix_world.normalized())
 
     def _picture_camera(self, scene: bpy.types.Scene) -> PictureCamera | None:
-        """The scene's camera as that of the tracked picture, for landmarks that are places in it."""
+        """Read the scene's camera as that of the tracked picture, for landmarks that are points in it."""
         if not self.through_camera or scene.camera is None or scene.camera.data.type != "PERSP":
             return None
         view = read_camera(scene.camera, scene.render)
@@ -143,7 +143,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         return PictureCamera(view.size_px, float(np.rad2deg(2 * np.arctan(width_px / 2 / view.K[0, 0]))))
 
     def _detected(self) -> list[str]:
-        """The detected format of the chosen files, in lines; they are read again only when they change."""
+        """List the detected format of the chosen files, in lines; they are read again only when they change."""
         paths = [path for path in self._paths() if path.is_file()]
         if not paths:
             return ["Choose a file"]

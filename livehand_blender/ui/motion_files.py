@@ -16,7 +16,7 @@ class _Drop:
 
     @classmethod
     def poll_drop(cls, context):
-        """Enabled in the 3D view if a hand is active."""
+        """Enable it in the 3D view if a hand is active."""
         return context.area is not None and context.area.type == "VIEW_3D" and active_hand(context) is not None
 
 
@@ -48,7 +48,7 @@ CLASSES = (LIVEHAND_FH_poses, LIVEHAND_FH_landmarks, LIVEHAND_FH_rigs)
 
 
 def add_to_menus() -> None:
-    """File > Import and File > Export."""
+    """Add entries to File > Import and File > Export."""
     bpy.types.TOPBAR_MT_file_import.append(_draw_import)
     bpy.types.TOPBAR_MT_file_export.append(_draw_export)
 

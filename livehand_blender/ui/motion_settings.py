@@ -86,7 +86,7 @@ class MotionSettings:
     set_shape: BoolProperty(name="Shape", description="Give the hand the file's shape, or its mean if it changes")
 
     def draw_settings(self, layout: bpy.types.UILayout) -> None:
-        """How the file is read, then how the motion is transferred."""
+        """Draw how the file is read, then how the motion is transferred."""
         for title, names in (("Reading", _READING), ("Landmarks", _LANDMARKS), ("Onto the Hand", _ONTO_HAND)):
             layout.label(text=title)
             column = layout.column()

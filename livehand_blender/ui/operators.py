@@ -39,7 +39,7 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Enabled if the collection is local."""
+        """Enable it if the collection is local."""
         if context.collection.library is not None or context.scene.library is not None:
             cls.poll_message_set("the active collection is linked from another file; choose a local one")
             return False
@@ -96,7 +96,7 @@ class LIVEHAND_OT_copy_install_command(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Enabled while a package is missing."""
+        """Enable it while a package is missing."""
         if not missing_requirements():
             cls.poll_message_set("no package is missing")
             return False

@@ -20,7 +20,7 @@ class LIVEHAND_PT_hand(Tab, bpy.types.Panel):
     bl_label = "Hand"
 
     def draw(self, context):
-        """Facts about the hand, or a button to add one."""
+        """Draw facts about the hand, or a button to add one."""
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -48,7 +48,7 @@ class LIVEHAND_PT_shape(HandTab, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        """Ten sliders that can be keyed; their names stand in them, as a narrow tab has no room beside them."""
+        """Draw ten sliders that can be keyed; their names stand in them, as a narrow tab has no room beside them."""
         armature = polled_hand(context)
         column = self.layout.column(align=True)
         for index, name in enumerate(shape_names(armature.livehand)):
@@ -67,7 +67,7 @@ class LIVEHAND_PT_match_plate(HandTab, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        """Settings that can be keyed."""
+        """Draw settings that can be keyed."""
         self.layout.use_property_split = True
         armature = polled_hand(context)
         column = self.layout.column()
@@ -81,7 +81,7 @@ class LIVEHAND_PT_render(Tab, bpy.types.Panel):
     bl_label = "Render"
 
     def draw(self, context):
-        """Engine, settings, and missing packages."""
+        """Draw engine, settings, and missing packages."""
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False

@@ -23,7 +23,7 @@ class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
     bl_label = "Posing"
 
     def draw(self, context):
-        """Picker above, sliders below."""
+        """Draw the picker above, sliders below."""
         if not has_controls(context):
             self.layout.label(text="Made without finger controls; add a new hand", icon="INFO")
             return
@@ -45,7 +45,7 @@ CLASSES = (LIVEHAND_PT_posing,)
 
 
 def _draw_collections(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
-    """A switch for each of the rig's bone collections, two in a row: their names have no room beside each other."""
+    """Draw a switch for each of the rig's bone collections, two in a row: more names have no room beside each other."""
     column = layout.column(align=True)
     for names in (COLLECTIONS[:2], COLLECTIONS[2:]):
         row = column.row(align=True)
@@ -54,7 +54,7 @@ def _draw_collections(layout: bpy.types.UILayout, armature: bpy.types.Object) ->
 
 
 def _draw_picker(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
-    """Seen from the back of the hand, fingers up: a right hand's thumb is on the left."""
+    """Draw the hand as seen from its back, fingers up: a right hand's thumb is on the left."""
     side = armature.livehand.side
     box = layout.box()
     row = box.row(align=True)

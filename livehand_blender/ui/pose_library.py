@@ -19,12 +19,12 @@ LIBRARY_NAME = "LiveHand"
 
 
 def library_folder() -> Path:
-    """The folder of the pose assets and their catalogs."""
+    """Return the folder of the pose assets and their catalogs."""
     return Path(str(resources.files(str(__package__)))).parent / "assets"
 
 
 def is_library_added(context: bpy.types.Context) -> bool:
-    """Whether the user's preferences contain the folder."""
+    """Return whether the user's preferences contain the folder."""
     libraries = context.preferences.filepaths.asset_libraries
     return any(Path(library.path) == library_folder() for library in libraries)
 
@@ -38,7 +38,7 @@ class LIVEHAND_OT_add_pose_library(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Disabled once the library is added."""
+        """Disable it once the library is added."""
         if is_library_added(context):
             cls.poll_message_set("the library is already among your asset libraries")
             return False
@@ -65,7 +65,7 @@ class LIVEHAND_OT_use_pose(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Enabled on an action under the mouse, for a hand in pose mode; otherwise Blender's own operator runs."""
+        """Enable it on an action under the mouse, for a hand in pose mode; otherwise Blender's own operator runs."""
         armature = active_hand(context)
         asset = getattr(context, "asset", None)
         is_pose = asset is not None and asset.id_type == "ACTION"

@@ -26,7 +26,7 @@ _WHICH_ITEMS = (("all", "All", "All five fingers"), *_FINGER_ITEMS)
 
 
 def has_controls(context: bpy.types.Context) -> bool:
-    """Whether the active hand has finger controls, whose bones a user may have deleted."""
+    """Return whether the active hand has finger controls, whose bones a user may have deleted."""
     armature = active_hand(context)
     return armature is not None and has_fingertip_targets(armature)
 
@@ -37,7 +37,7 @@ class _OnControls:
 
     @classmethod
     def poll(cls, context):
-        """Enabled on a hand that has finger controls."""
+        """Enable it on a hand that has finger controls."""
         if not has_controls(context):
             cls.poll_message_set("select a LiveHand hand with finger controls first")
             return False
@@ -145,7 +145,7 @@ class LIVEHAND_OT_mirror_pose(_OnControls, bpy.types.Operator):
 
 
 def _other_hand(context: bpy.types.Context, hand: RiggedHand) -> RiggedHand:
-    """The nearest hand of the other side that can be posed."""
+    """Find the nearest hand of the other side that can be posed."""
     others = [one for one in RiggedHand.all_in(context.scene) if one.side != hand.side and one.armature.is_editable]
     if not others:
         side = "left" if hand.side == "right" else "right"
@@ -174,15 +174,15 @@ class LIVEHAND_KS_hand(bpy.types.KeyingSetInfo):
     bl_description = "Bones, fingertip targets and finger controls of the active LiveHand hand"
 
     def poll(self, context):
-        """Enabled on a hand that has controls."""
+        """Enable it on a hand that has controls."""
         return has_controls(context)
 
     def iterator(self, context, keying_set):
-        """Only the active hand."""
+        """Add only the active hand."""
         self.generate(context, keying_set, active_hand(context))
 
     def generate(self, context, keying_set, data):
-        """One path per channel, grouped by bone and by finger."""
+        """Add one path per channel, grouped by bone and by finger."""
         for path, group in hand_channels(RiggedHand.of(data)):
             keying_set.paths.add(data, path, index=-1, group_method="NAMED", group_name=group)
 

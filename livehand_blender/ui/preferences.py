@@ -25,7 +25,7 @@ class LIVEHAND_AP_preferences(bpy.types.AddonPreferences):
     )
 
     def draw(self, context):
-        """The folder, one line per package, and how to install missing ones."""
+        """Draw the folder, one line per package, and how to install missing ones."""
         self.layout.prop(self, "avatar_folder")
         column = self.layout.column(align=True)
         installed = {requirement.module: is_installed(requirement) for requirement in REQUIREMENTS}
@@ -38,14 +38,14 @@ CLASSES = (LIVEHAND_AP_preferences,)
 
 
 def avatar_folder(context: bpy.types.Context) -> Path | None:
-    """The user's folder of avatars; None if none is set, or if LiveHand is not installed as an add-on."""
+    """Return the user's folder of avatars; None if none is set, or if LiveHand is not installed as an add-on."""
     addon = context.preferences.addons.get(_ADDON)
     chosen = addon.preferences.avatar_folder if addon and addon.preferences else ""
     return Path(bpy.path.abspath(chosen)) if chosen else None
 
 
 def draw_install_help(layout: bpy.types.UILayout, missing: bool) -> None:
-    """How to install missing packages; draws nothing if none is missing."""
+    """Draw how to install missing packages; draws nothing if none is missing."""
     if not missing:
         return
     column = layout.column(align=True)

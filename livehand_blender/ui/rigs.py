@@ -22,7 +22,7 @@ from .mixins import FrameRange, HandTab, OnHand, polled_hand, reports_errors
 
 
 def _has_rig(armature: bpy.types.Object) -> bool:
-    """Whether an armature is chosen; scripts, and the field in Blender 4.2, may choose any object."""
+    """Return whether an armature is chosen; scripts, and the field in Blender 4.2, may choose any object."""
     source = armature.livehand.other_rig.armature
     return source is not None and source.type == "ARMATURE"
 
@@ -32,7 +32,7 @@ class _OnRig(OnHand):
 
     @classmethod
     def poll(cls, context):
-        """Enabled on a hand for which an armature is chosen."""
+        """Enable it on a hand for which an armature is chosen."""
         if not super().poll(context):
             return False
         if not _has_rig(polled_hand(context)):
@@ -116,7 +116,7 @@ class LIVEHAND_OT_stop_following(OnHand, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Enabled on a hand that follows a rig."""
+        """Enable it on a hand that follows a rig."""
         if not super().poll(context):
             return False
         if not is_following(polled_hand(context)):
@@ -137,7 +137,7 @@ class LIVEHAND_PT_other_rig(HandTab, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        """The choice of the rig, and the operators."""
+        """Draw the choice of the rig, and the operators."""
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -162,12 +162,12 @@ class LIVEHAND_PT_other_rig_bones(HandTab, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context):
-        """Shown if an armature is chosen."""
+        """Show it if an armature is chosen."""
         armature = active_hand(context)
         return armature is not None and _has_rig(armature)
 
     def draw(self, context):
-        """A field for every joint and every fingertip."""
+        """Draw a field for every joint and every fingertip."""
         self.layout.use_property_split = True
         self.layout.use_property_decorate = False
         rig = polled_hand(context).livehand.other_rig
@@ -196,7 +196,7 @@ def _side(properties: bpy.types.PropertyGroup):
 
 
 def _doubt(skeleton: SourceSkeleton, guess: JointGuess, armature: bpy.types.Object) -> str | None:
-    """What speaks against the guessed bones; None: nothing."""
+    """Report what speaks against the guessed bones; None: nothing."""
     try:
         alignment = align(skeleton, guess.joint_map(), RiggedHand.of(armature).model)
     except LiveHandError as error:
@@ -205,7 +205,7 @@ def _doubt(skeleton: SourceSkeleton, guess: JointGuess, armature: bpy.types.Obje
 
 
 def _source(hand: RiggedHand) -> SourceRig:
-    """The rig that is chosen in the panel.
+    """Read the rig that is chosen in the panel.
 
     Raises:
         LiveHandError: a joint has no bone, or two have the same one.

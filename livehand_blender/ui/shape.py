@@ -27,7 +27,7 @@ _NAMES = (
 
 
 def shape_names(properties: bpy.types.PropertyGroup) -> tuple[str, ...]:
-    """Ten labels for a hand's beta."""
+    """Label the ten values of a hand's beta."""
     return tuple(f"Beta {k}" for k in range(10)) if properties.model_path else _NAMES
 
 

@@ -16,7 +16,7 @@ class LIVEHAND_OT_add_studio(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Enabled if the scene is local."""
+        """Enable it if the scene is local."""
         if context.scene.library is not None:
             cls.poll_message_set("the scene is linked from another file; make it local first")
             return False
@@ -37,7 +37,7 @@ class LIVEHAND_OT_remove_studio(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Enabled if there is a studio."""
+        """Enable it if there is a studio."""
         return has_studio(context.scene)
 
     def execute(self, context):

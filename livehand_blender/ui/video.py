@@ -56,7 +56,7 @@ class LIVEHAND_OT_import_video(bpy.types.Operator, ImportHelper):
 
     @classmethod
     def poll(cls, context):
-        """Enabled once the packages and the tracker's networks are there."""
+        """Enable it once the packages and the tracker's networks are there."""
         if missing_requirements():
             cls.poll_message_set("Python packages are missing; see the Render panel")
             return False
@@ -158,7 +158,7 @@ CLASSES = (LIVEHAND_OT_import_video, LIVEHAND_OT_copy_fetch_command, LIVEHAND_PT
 
 
 def add_to_menus() -> None:
-    """File > Import."""
+    """Add entries to File > Import."""
     bpy.types.TOPBAR_MT_file_import.append(_draw_import)
 
 

@@ -18,7 +18,7 @@ from ...backend.surface.base_surface import on_base
 
 
 def convert(path: Path) -> None:
-    """Convert a file; its provenance then tells of which file it was made.
+    """Convert a file; its provenance then names the file that it was made of.
 
     Raises:
         LiveHandError: as `load_avatar` and `save_avatar`.
@@ -33,7 +33,7 @@ def convert(path: Path) -> None:
 
 
 def main() -> None:
-    """Command line: convert files."""
+    """Convert files, as the command line says."""
     parser = argparse.ArgumentParser(description="Convert avatars of earlier formats to this version's, in place.")
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="avatars")
     for path in parser.parse_args().files:

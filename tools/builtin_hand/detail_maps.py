@@ -150,7 +150,7 @@ def _read(path: Path) -> np.ndarray:
 
 
 def main() -> None:
-    """Command line: bake both skins and write both files."""
+    """Bake both skins and write both files."""
     parser = argparse.ArgumentParser(description="Make the maps of the built-in skin's fine detail.")
     parser.add_argument("folder", type=Path, help="where to write both files")
     folder = parser.parse_args().folder

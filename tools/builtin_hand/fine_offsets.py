@@ -36,7 +36,7 @@ def fine_surface(model: HandModel, detail: DetailedSurface) -> DetailSurface:
 
 
 def main() -> None:
-    """Command line: write the file."""
+    """Write the file."""
     parser = argparse.ArgumentParser(description="Make the file of the built-in hand's fine surface.")
     parser.add_argument("folder", type=Path, help="where to write it")
     folder, model = parser.parse_args().folder, load_default_hand()

@@ -47,7 +47,7 @@ class _Skin(NamedTuple):
 
 
 def hair_shares(template: DetailTemplate, hand: HandModel) -> np.ndarray:
-    """[M, H] float32, as `HairGrowth.share` for `REGIONS`; template and hand are the right one's."""
+    """Compute [M, H] float32, as `HairGrowth.share` for `REGIONS`; template and hand are the right one's."""
     tensors = template.rest_vertices(), template.normals, template.faces, template.bones.of_face
     vertices, normals, faces, bone = (values.cpu().numpy() for values in tensors)
     skin = _Skin(vertices, normals, faces, bone, hand.joints)
@@ -56,7 +56,7 @@ def hair_shares(template: DetailTemplate, hand: HandModel) -> np.ndarray:
 
 
 def _shares(skin: _Skin, middle: np.ndarray) -> dict[str, np.ndarray]:
-    """[M] each: of the most hairs, the share that grows on each face, region by region."""
+    """Compute [M] each: of the most hairs, the share that grows on each face, region by region."""
     normal = skin.normals[skin.faces].mean(1)
     dorsal = normal @ np.array(_DORSAL)
     on_palm = skin.bone == WRIST
@@ -75,7 +75,7 @@ def _on_phalanges(skin: _Skin, bones: tuple[int, ...], middle: np.ndarray, norma
 
 
 def _on_phalanx(skin: _Skin, bone: int, middle: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """The share of the most hairs that grow on each face: on the back of a phalanx, between its joints."""
+    """Compute the share of the most hairs that grow on each face: on the back of a phalanx, between its joints."""
     along = skin.joints[bone + 1] - skin.joints[bone]
     length_m = np.linalg.norm(along)
     along = along / length_m
@@ -86,13 +86,13 @@ def _on_phalanx(skin: _Skin, bone: int, middle: np.ndarray, normal: np.ndarray) 
 
 
 def _step(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """From 0 at `low` to 1 at `high`, smoothly."""
+    """Step smoothly from 0 at `low` to 1 at `high`."""
     share = np.clip((values - low) / (high - low), 0, 1)
     return share * share * (3 - 2 * share)
 
 
 def main() -> None:
-    """Command line: write the file."""
+    """Write the file."""
     parser = argparse.ArgumentParser(description="Make the file of where hairs grow on the built-in hand.")
     parser.add_argument("folder", type=Path, help="where to write it")
     folder, hand = parser.parse_args().folder, load_default_hand()

@@ -55,7 +55,7 @@ def _profile(joint: int, vertices: np.ndarray, weights: np.ndarray, frames: Join
 def _height(
     joint: int, bulge: np.ndarray, vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray, frames: JointFrames
 ) -> float:
-    """Factor of the bulge that restores the volume lost at 90 degrees, up to the largest allowed."""
+    """Compute the factor of the bulge that restores the volume lost at 90 degrees, up to the largest allowed."""
     lost = _volume(vertices, faces) - _volume(_bent(joint, vertices, weights, frames), faces)
     gained = _volume(_bent(joint, vertices + bulge, weights, frames), faces)
     gained -= _volume(_bent(joint, vertices, weights, frames), faces)

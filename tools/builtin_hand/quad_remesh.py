@@ -65,7 +65,7 @@ def _quads_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def main() -> None:
-    """Command line: build the hand from its anatomy with new quads."""
+    """Build the hand from its anatomy with new quads."""
     from .generate import build_hand, dense_surface, projected_quads, write_hand
 
     parser = argparse.ArgumentParser(description="Rebuild the built-in hand from its anatomy with new quads.")

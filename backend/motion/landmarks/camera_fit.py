@@ -1,11 +1,11 @@
 """Solves symmetric positive definite block systems in which each frame is tied to the next two.
 
-A maximum a posteriori estimate. Lifted landmarks give each joint's place in the picture, with a robust error, and each
-free angle, both with deviations of their own. Free angles have the distribution of natural poses besides, and hard
-limits; angles, rotation and place accelerate little, by the frames' true times. Every step solves all frames together
-(Gauss-Newton). Frames without landmarks follow from their neighbours.
+A maximum a posteriori estimate. Lifted landmarks give each joint's position in the picture, with a robust error, and
+each free angle, both with deviations of their own. Free angles have the distribution of natural poses besides, and
+hard limits; angles, rotation and position accelerate little, by the frames' true times. Every step solves all frames
+together (Gauss-Newton). Frames without landmarks follow from their neighbours.
 
-Axes are the camera's (OpenCV's), whose optical centre is the origin; places in the picture are divided by the focal
+Axes are the camera's (OpenCV's), whose optical centre is the origin; points in the picture are divided by the focal
 length.
 """
 
@@ -120,7 +120,7 @@ class Sighting2D:
     Attributes:
         lifted: at the skeleton's nodes.
         world: [T, 21, 3] m about their centre, of the size of the skeleton.
-        size: [T] of the hand, divided by the focal length as its places are.
+        size: [T] of the hand, divided by the focal length as its points are.
         is_seen: [T].
         times: [T] s, increasing.
     """
@@ -235,7 +235,7 @@ class CameraProblem:
         right[:, 6:] -= (poses.free - seen.lifted.free) * lifted
 
     def _residuals(self, nodes: np.ndarray, seen: Sighting2D) -> np.ndarray:
-        """Compute the residuals [T, 21, 2] of the places in the picture, in deviations; zero in unseen frames."""
+        """Compute the residuals [T, 21, 2] of the points in the picture, in deviations; zero in unseen frames."""
         depth = np.maximum(nodes[..., 2:], _LEAST_DEPTH_M)
         return (nodes[..., :2] / depth - seen.lifted.picture_points) * _point_precision(seen)[..., None]
 
@@ -301,7 +301,7 @@ def at_nodes(landmarks: np.ndarray) -> np.ndarray:
 
 
 def placed(points: np.ndarray, picture_points: np.ndarray) -> np.ndarray:
-    """Find by how much [T, 3] m points [T, 21, 3] must move to be seen at places [T, 21, 2], by least squares.
+    """Find by how much [T, 3] m points [T, 21, 3] must move to be seen at points [T, 21, 2], by least squares.
 
     (x + X) = u (z + Z) is linear in the translation; dividing by the depth found makes it an error in the picture.
     """
@@ -320,7 +320,7 @@ def placed(points: np.ndarray, picture_points: np.ndarray) -> np.ndarray:
 
 
 def _point_precision(seen: Sighting2D) -> np.ndarray:
-    """Compute [T, 21] one over the deviations of places; zero in unseen frames."""
+    """Compute [T, 21] one over the deviations of the points; zero in unseen frames."""
     return seen.is_seen[:, None] / seen.lifted.points_sd
 
 

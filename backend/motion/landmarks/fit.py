@@ -129,7 +129,7 @@ def palm_m(model: HandModel) -> float:
 
 
 def _scale(nodes: np.ndarray, skeleton: HandSkeleton) -> float:
-    """Scale of the palm's bones, which no pose changes, against the mean shape's."""
+    """Compute the scale of the palm's bones, which no pose changes, against the mean shape's."""
     with np.errstate(over="ignore"):
         palm = np.linalg.norm(nodes[:, [1, 5, 9, 13]] - nodes[:, :1], axis=-1).mean()
     scale = float(palm / np.linalg.norm(skeleton.offsets(np.zeros(10))[:4, 0], axis=-1).mean())

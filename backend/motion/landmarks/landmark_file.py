@@ -43,7 +43,7 @@ class LandmarkFile:
         hands: by the side that their shape has.
         info: how the file is interpreted; the mean and the components do not apply.
         is_picture_mirrored: the tracked picture was mirrored, as selfies are; the motion undoes it.
-        picture_camera: of the tracked picture, for landmarks that are places in it.
+        picture_camera: of the tracked picture, for landmarks that are points in it.
     """
 
     path: Path

@@ -1,4 +1,4 @@
-"""Lifting: from a tracker's landmarks to our joints' places in the picture and their angles, each with a deviation.
+"""Lifting: from a tracker's landmarks to our joints' positions in the picture and their angles, each with a deviation.
 
 A tracker's points are not our joints. Where they lie beside them, and how far they are to be trusted, depends on the
 pose and on the side from which it is seen: a small network has learnt it from pictures of our own hand, whose truth is
@@ -36,7 +36,7 @@ class LiftedLandmarks(NamedTuple):
 
 
 Lifting = Callable[[np.ndarray, np.ndarray], LiftedLandmarks]
-"""Lifts a right hand's landmarks at the skeleton's nodes: places [T, 21, 2] in the picture, (px - principal point) /
+"""Lifts a right hand's landmarks at the skeleton's nodes: points [T, 21, 2] in the picture, (px - principal point) /
 focal length, and world landmarks [T, 21, 3] in the camera's axes (OpenCV's), of any scale."""
 
 
@@ -68,7 +68,7 @@ class CanonicalView(NamedTuple):
 
     @classmethod
     def of(cls, picture_points: np.ndarray) -> CanonicalView:
-        """Choose the view of hands with nodes at places [T, 21, 2]."""
+        """Choose the view of hands with nodes at points [T, 21, 2]."""
         towards = _along_axis(picture_points.mean(1))
         ahead = _projected(picture_points, towards)
         up = ahead[:, _KNUCKLES].mean(1) - ahead[:, 0]
@@ -79,15 +79,15 @@ class CanonicalView(NamedTuple):
         return cls(rotation, turn, middle, np.sqrt(((shown - middle[:, None]) ** 2).sum(-1).mean(1)))
 
     def shown(self, picture_points: np.ndarray) -> np.ndarray:
-        """Return [T, N, 2] places of the picture in the view."""
+        """Convert points of the picture to the view, [T, N, 2]."""
         return (_projected(picture_points, self.rotation) - self.middle[:, None]) / self.size[:, None, None]
 
     def back(self, shown: np.ndarray) -> np.ndarray:
-        """Return [T, N, 2] places of the view in the picture."""
+        """Convert points of the view to the picture, [T, N, 2]."""
         return _projected(shown * self.size[:, None, None] + self.middle[:, None], self.rotation.swapaxes(1, 2))
 
     def features(self, picture_points: np.ndarray, world: np.ndarray) -> np.ndarray:
-        """Return [T, 105] what the network gets: places in the view, and the world landmarks turned, of unit size."""
+        """Return [T, 105] what the network gets: points in the view, and the world landmarks turned, of unit size."""
         turned = (world - world.mean(1, keepdims=True)) @ self.turn.swapaxes(1, 2)
         scale = np.sqrt((turned**2).sum(-1).mean(1))[:, None, None]
         parts = (self.shown(picture_points), turned / scale)
@@ -108,7 +108,7 @@ class LiftingNetwork(NamedTuple):
     biases: tuple[np.ndarray, ...]
 
     def __call__(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Means and logarithms of standard deviations, [T, O] each, of features [T, I]."""
+        """Predict means and logarithms of standard deviations, [T, O] each, from features [T, I]."""
         x = np.clip((features - self.centre) / self.spread, -_UNUSUAL, _UNUSUAL)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = x @ weight.T + bias
@@ -127,7 +127,7 @@ def _network() -> LiftingNetwork:
 
 
 def _along_axis(picture_points: np.ndarray) -> np.ndarray:
-    """Compute the shortest rotations [T, 3, 3] that bring the rays through places [T, 2] onto the camera's axis."""
+    """Compute the shortest rotations [T, 3, 3] that bring the rays through points [T, 2] onto the camera's axis."""
     rays = _rays(picture_points)
     x, y, z = (rays / np.linalg.norm(rays, axis=-1, keepdims=True)).T
     share = 1 / (1 + z)
@@ -150,6 +150,6 @@ def _rays(picture_points: np.ndarray) -> np.ndarray:
 
 
 def _projected(picture_points: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Project places [T, N, 2] to where they are seen after rotations [T, 3, 3]."""
+    """Project points [T, N, 2] to where they are seen after rotations [T, 3, 3]."""
     turned = _rays(picture_points) @ rotation.swapaxes(1, 2)
     return turned[..., :2] / turned[..., 2:]

@@ -1,4 +1,4 @@
-"""Landmarks in a picture, as MediaPipe gives them beside world landmarks, and the camera that makes places of them.
+"""Landmarks in a picture, as MediaPipe gives them beside world landmarks, and the camera that makes positions of them.
 
 x and y are shares of the picture's width and height; z is the depth from the wrist, as a share of the width. The size
 of the hand gives its distance: the palm of the model is as large as the picture shows it at that depth.

@@ -29,7 +29,7 @@ _NAME = "filmed take"
 _MIRROR = np.array([-1.0, 1, 1])
 _LEAST_STEP_S = 1e-5
 _MOST_WORLD_M = 100.0
-_MOST_TILT = 1e3  # of places, in focal lengths from the picture's middle
+_MOST_TILT = 1e3  # of points, in focal lengths from the picture's middle
 _WRONG_SHARE = 0.2  # of rejected frames, from which a take is doubted
 
 

@@ -1,6 +1,6 @@
-"""A-NeRF: a radiance field that is told where a sample lies relative to every joint (Su et al., NeurIPS 2021).
+"""A-NeRF: a radiance field that is given where a sample lies relative to every joint (Su et al., NeurIPS 2021).
 
-In joint k's frame a sample has the place x_k, in units of a body: a hand's metres times 9, so that the published
+In joint k's frame a sample has the position x_k, in units of a body: a hand's metres times 9, so that the published
 frequencies and the cutoff at 0.5 m mean on a hand what they mean on a body. v_k is the length of x_k.
 """
 
@@ -57,7 +57,7 @@ PUBLISHED = ANerfSize(256, 128, 64, 16)
 
 
 class JointMlp(nn.Module):
-    """Eight layers on places, whose input is given again after the fifth; one more that sees the ray."""
+    """Eight layers on positions, whose input is given again after the fifth; one more that sees the ray."""
 
     def __init__(self, width: int, view_width: int):
         super().__init__()
@@ -122,7 +122,7 @@ class ANerfNetworks(nn.Module):
 def encoded_points(
     positions: Float[Tensor, "S 16 3"], sharpness: float
 ) -> tuple[Float[Tensor, "S 288"], Float[Tensor, "S 16"]]:
-    """Encode places in bones, m, for the trunk, with the cutoff w_k = 1 - sigmoid(sharpness (v_k - t)).
+    """Encode positions in bones, m, for the trunk, with the cutoff w_k = 1 - sigmoid(sharpness (v_k - t)).
 
     Distances, encoded and times w_k, of all joints; then directions, without cutoff.
     """

@@ -98,7 +98,7 @@ class LisaField(nn.Module):
     def forward(
         self, points_mm: Float[Tensor, "S 16 3"], theta: Float[Tensor, " 48"]
     ) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 3"], Float[Tensor, "S 16"]]:
-        """Blended signed distance, mm, colour, and the bones' log weights."""
+        """Compute the blended signed distance, mm, colour, and the bones' log weights."""
         encoded = encoded_in_bones(points_mm)
         distance, logit = self.shapes(points_mm, encoded, theta)
         colour = self.colour(encoded, theta).permute(1, 0, 2).sigmoid()
@@ -158,7 +158,7 @@ def render_rays(
     theta: Float[Tensor, "16 3"],
     generator: torch.Generator | None = None,
 ) -> tuple[Float[Tensor, "R 4"], Float[Tensor, "S 16"], Float[Tensor, "S 3"]]:
-    """Render RGBA, and of all samples the bones' log weights and the places in the world, m."""
+    """Render RGBA, and of all samples the bones' log weights and the positions in the world, m."""
     t = rays.stratified(SAMPLES, generator)
     points = rays.points(t).flatten(0, 1)
     points_mm = 1000 / rays.scale * points_in_bones(points, bones)

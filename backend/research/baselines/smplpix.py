@@ -89,7 +89,7 @@ Drawing = Literal["shaded", "surface"]
 BATCH, CROP_PX = 4, 160
 _STEP_SHARE = 0.5  # four crops a step: twice the images of the avatars' rows
 _TURNED_SHARE, _MAX_TURN_RAD, _SCALES, _MAX_MOVE_PX = 0.8, pi / 3, (0.5, 1.5), 100
-_PLACE_M = 0.1  # unit of places on the template
+_PLACE_M = 0.1  # unit of positions on the template
 _LOSS = LossConfig(low_l2=0.0, perceptual_share=1.0, perceptual_rise=0.0)
 
 
@@ -201,7 +201,7 @@ class _Batches:
         self._drawn: dict[int, Tensor] = {}
 
     def at(self, step: int) -> tuple[Tensor, Tensor, Tensor, tuple[str, ...]]:
-        """Drawings [B, C, S, S], targets [B, 4, S, S], which pixels they cover [B, S, S], and the files."""
+        """Return drawings [B, C, S, S], targets [B, 4, S, S], which pixels they cover [B, S, S], and the files."""
         generator = torch.Generator().manual_seed(self._seed * 1_000_003 + step)
         chosen = torch.randint(len(self._views), (BATCH,), generator=generator).tolist()
         parts = [self._crop(index, generator) for index in chosen]

@@ -139,7 +139,7 @@ def dilated(index: Int[Tensor, " T"], colour: Float[Tensor, "T 3"], resolution: 
 
 
 def sampled(image: Float[Tensor, "C H W"], place: Float[Tensor, "P 2"]) -> Float[Tensor, "P C"]:
-    """Sample at places in [0, 1] (x, y), bilinear; beyond the border, its own."""
+    """Sample at points in [0, 1] (x, y), bilinear; beyond the border, its own."""
     grid = (2 * place - 1)[None, None]
     return grid_sample(image[None], grid, padding_mode="border", align_corners=False)[0, :, 0].T
 

@@ -169,7 +169,7 @@ def check_capture_can_be_made(folder: Path) -> None:
 
 
 def hand_to_capture(take: FilmedTake, wanted: Side | None) -> Side:
-    """The side of the hand that becomes a capture: the wanted one, or the one that more frames show.
+    """Choose the side of the hand that becomes a capture: the wanted one, or the one that more frames show.
 
     Raises:
         LiveHandError: the wanted hand is not in the film.
@@ -227,7 +227,7 @@ def write_filmed_capture(
 
 
 def _camera(take: FilmedTake) -> Camera:
-    """The film's, in the world that `_candidates` brings the hand to."""
+    """Return the film's camera, in the world that `_candidates` brings the hand to."""
     width, height = take.camera.size_px
     K = np.array([[take.camera.focal_px, 0, width / 2], [0, take.camera.focal_px, height / 2], [0, 0, 1.0]])
     return Camera(K, to_blender("opencv"), take.camera.size_px)
@@ -263,7 +263,7 @@ def _candidates(take: FilmedTake, side: Side, fit: TakeFit, right: HandModel) ->
 
 
 def _looked_at(play: Frames, seen: _Candidates, size_px: tuple[int, int]) -> tuple[np.ndarray, float | None]:
-    """[N] how blurred each frame's hand is, and how much the ground changes."""
+    """Measure how blurred each frame's hand is [N], and how much the ground changes."""
     blurs = np.ones(len(seen.frames))
     step = max(1, len(seen.frames) // _SAMPLES)
     pictures, covered = [], []
@@ -277,7 +277,7 @@ def _looked_at(play: Frames, seen: _Candidates, size_px: tuple[int, int]) -> tup
 
 
 def _sample(picture: np.ndarray, px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A small picture, and where in it the hand or its arm may be."""
+    """Sample a small picture, and where in it the hand or its arm may be."""
     step = max(1, picture.shape[1] // _SAMPLE_WIDTH_PX)
     small = picture[::step, ::step]
     low, high = px.min(0), px.max(0)
@@ -289,7 +289,7 @@ def _sample(picture: np.ndarray, px: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _shown(play: Frames, frames: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """The index among the frames, and the picture, of each of them."""
+    """Yield the index among the frames, and the picture, of each of them."""
     index_of = {int(frame): index for index, frame in enumerate(frames)}
     for frame, (_, picture) in enumerate(play()):
         if frame in index_of:
@@ -305,7 +305,7 @@ def _views(cameras: Sequence[Camera]) -> tuple[CaptureView, ...]:
 
 
 def _provenance(source: str, take: FilmedTake, side: Side, chosen: _Candidates) -> dict[str, Any]:
-    """Of the capture, and so in the header of an avatar that is trained on it, which tells its person's shape by it."""
+    """Describe the capture, and so the header of an avatar trained on it, which gets its person's shape from it."""
     return {
         "made_by": "livehand track",
         "source": source,
@@ -320,7 +320,7 @@ def _provenance(source: str, take: FilmedTake, side: Side, chosen: _Candidates) 
 
 @contextmanager
 def _whole_or_not_at_all(folder: Path) -> Iterator[Path]:
-    """Yields a new folder that takes the place of the empty or missing one at the end, and is removed on failure."""
+    """Yield a new folder that takes the place of the empty or missing one at the end, and is removed on failure."""
     partial = folder.with_name(f".{folder.name}.{secrets.token_hex(8)}.partial")
     try:
         partial.mkdir(parents=True)

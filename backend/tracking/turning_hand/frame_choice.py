@@ -19,7 +19,7 @@ _HELD_OUT_AT, _HELD_OUT_SHARE = (0.25, 0.75), 0.1  # middles of the stretches; t
 
 
 def chosen_frames(motion: HandMotion, doubt: np.ndarray, blur: np.ndarray) -> np.ndarray:
-    """Increasing indices of frames that lie apart in pose; of those that lie together, the best.
+    """Choose frames that lie apart in pose, as increasing indices; of those that lie together, the best.
 
     Args:
         motion: of the T frames.
@@ -50,7 +50,7 @@ def chosen_frames(motion: HandMotion, doubt: np.ndarray, blur: np.ndarray) -> np
 
 
 def held_out(count: int) -> np.ndarray:
-    """[count] whether a chosen frame, in order of time, is held out: two stretches of the turn."""
+    """Mark [count] the chosen frames, in order of time, that are held out: two stretches of the turn."""
     length = max(1, round(_HELD_OUT_SHARE * count / len(_HELD_OUT_AT)))
     is_out = np.zeros(count, bool)
     for share in _HELD_OUT_AT:
@@ -60,7 +60,7 @@ def held_out(count: int) -> np.ndarray:
 
 
 def blur_of(picture: np.ndarray) -> float:
-    """How blurred uint8 [H, W, 3] is, 0..1: its change over four pixels against four times that over one.
+    """Measure how blurred uint8 [H, W, 3] is, 0..1: its change over four pixels against four times that over one.
 
     The blurrier of the two directions counts, for a hand that moves is blurred in one.
     """
@@ -76,14 +76,14 @@ def blur_of(picture: np.ndarray) -> float:
 
 
 def _points(motion: HandMotion) -> np.ndarray:
-    """[T, 54] in which the distance of two frames is the hand's turn and the fingers' mean turn, rad, nearly."""
+    """Embed frames as points [T, 54] whose distance is the hand's turn and the fingers' mean turn, rad, nearly."""
     count = len(motion)
     root = axis_angle_to_matrix(motion.theta[:, 0]).reshape(count, 9) / np.sqrt(2)
     return np.concatenate([root, motion.theta[:, 1:].reshape(count, 45) / np.sqrt(15)], 1)
 
 
 def _apart(points: np.ndarray, distance: float) -> np.ndarray:
-    """Indices of places that are at least so far from all that were taken before them."""
+    """Select points, as indices, that are at least so far from all that were taken before them."""
     taken: list[int] = []
     nearest = np.full(len(points), np.inf)
     for index in range(len(points)):

@@ -23,7 +23,7 @@ _COUNTED_FRAMES = 10.0  # what a take says at most, for its frames repeat one an
 
 
 def fit_with_shape(take: FilmedTake, side: Side, model: HandModel, lifting: Lifting = mediapipe_lifting) -> TakeFit:
-    """The hand of one side, fitted in turn for its poses and its shape.
+    """Fit the hand of one side, in turn for its poses and its shape.
 
     Raises:
         LiveHandError: as `fit_take`.
@@ -35,7 +35,7 @@ def fit_with_shape(take: FilmedTake, side: Side, model: HandModel, lifting: Lift
 
 
 def shape_of(fit: TakeFit, take: FilmedTake, side: Side, model: HandModel, lifting: Lifting) -> np.ndarray:
-    """[10] the shape that explains best where the joints are seen, each frame's place and turn left free."""
+    """Fit the shape [10] that explains best where the joints are seen, each frame's position and rotation left free."""
     skeleton, motion = HandSkeleton.of(model), fit.motion if side == "right" else mirrored(fit.motion)
     beta = motion.betas[0]
     seen = sighted(take.hands[side], take.times, take.camera, side, skeleton.offsets(beta), lifting)
@@ -64,7 +64,7 @@ def _fit(take: FilmedTake, side: Side, model: HandModel, beta: np.ndarray, lifti
 
 
 def _rotations(theta: np.ndarray) -> np.ndarray:
-    """[T, 5, 4, 3, 3] world rotations of the wrist and of each finger's joints."""
+    """Compute world rotations [T, 5, 4, 3, 3] of the wrist and of each finger's joints."""
     local = axis_angle_to_matrix(theta)
     fingers = []
     for finger in range(5):
@@ -76,7 +76,7 @@ def _rotations(theta: np.ndarray) -> np.ndarray:
 
 
 def _slopes(nodes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """[21, 2, 3] slopes of the places in the picture by the nodes [21, 3], weighted [21]."""
+    """Compute slopes [21, 2, 3] of the positions in the picture by the nodes [21, 3], weighted [21]."""
     depth = nodes[:, 2]
     slope = np.zeros((len(nodes), 2, 3))
     slope[:, 0, 0] = slope[:, 1, 1] = 1 / depth
@@ -85,5 +85,5 @@ def _slopes(nodes: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _turned(arms: np.ndarray) -> np.ndarray:
-    """[21, 3, 3] movement of arms [21, 3] by turns about the axes."""
+    """Compute the movement [21, 3, 3] of arms [21, 3] by turns about the axes."""
     return np.cross(np.eye(3), arms[:, None], axis=-1).swapaxes(-1, -2)
