@@ -1,4 +1,4 @@
-"""Who has a lease, as its file says. Anybody can write such a file, so it may say anything.
+"""Leases on frames: several processes and machines share an output folder and never render the same frame twice.
 
 A lease is a hidden file beside the frame, `.wave_0001.claim`, created with O_EXCL and kept fresh by its owner. The
 lease of a dead owner is not removed but superseded: whoever creates `.wave_0001.claim.1` first has the frame. No

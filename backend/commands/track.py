@@ -1,4 +1,4 @@
-"""The doubt of a take's frames over its time, one panel a hand."""
+"""`livehand track`: the hands of a video as a take, which `render` and Blender's *Import Motion* read."""
 
 from __future__ import annotations
 

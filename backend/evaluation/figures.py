@@ -1,4 +1,4 @@
-"""FLIP (Andersson et al. 2020), by the optional package `flip-evaluator`: the difference seen when alternating images.
+"""All metrics of one view, keyed by their column in scores.csv; docs/make/evaluation.md defines them.
 
 LDR-FLIP of sRGB-encoded images on black, at the package's default of 67 pixels per degree (a 4K display 0.7 m wide,
 seen from 0.7 m). 0 means equal, 1 is the largest difference; the metric is the mean of the map.

@@ -1,4 +1,4 @@
-"""Summaries over many views: means of the metrics, and shares of their total squared error."""
+"""The results of an evaluation as text: scores.csv, summary.json and summary.txt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CIE Lab (1976) under D65 of linear Rec. 709: lightness L* from 0 to 100, a* and b* (CIE 15).
+"""Colours of skin by place on the hand, in CIE Lab (D65), and the ranges that are usual for light and for deep skin.
 
 Ranges were measured on published photographs and on textures made of photographs, eleven skins in all; only the figures
 are here.

@@ -1,4 +1,4 @@
-"""A lower bound that values can come back from in training.
+"""A relightable field of planes: it returns coefficients that any light multiplies (`light.lighting`), and no colours.
 
 URHand (Chen et al. 2024) is linear in the light in the same way; its features come from the mesh, these from the rays.
 """

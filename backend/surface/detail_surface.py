@@ -1,4 +1,4 @@
-"""What rises on the skin of the built-in hand: veins, and the forms that a pose raises.
+"""The surface of the built-in hand as its captures show it, at two levels of subdivision, with what a pose raises.
 
 Heights lie along the normals of a surface finer than the template, which has none of them: that of captures
 (`builtin/detailed_surface.py`), or that of pictures (`fine_surface.py`).

@@ -1,4 +1,4 @@
-"""The palm and the stump of the forearm, a super-elliptic sweep along the hand. Anatomical frame, mm.
+"""The signed distance of the hand: a smooth union of palm, forearm, five rays, webs, pads, knuckles and tendons.
 
 Points are [N, 3] in the anatomical frame, mm; distances [N] mm, negative inside. Distances are first-order: accurate on
 and near the surface only.

@@ -1,4 +1,4 @@
-"""Finds palms in a whole picture: the detector's anchors, what its numbers mean, and overlapping finds made one."""
+"""Tracks hands from frame to frame: a hand is looked for where it was; palms are searched for only now and then."""
 
 from __future__ import annotations
 

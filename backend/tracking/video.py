@@ -1,4 +1,4 @@
-"""High dynamic range video to sRGB: the inverse of its transfer function, its primaries, and a soft shoulder.
+"""Frames of a video file by PyAV: upright, in sRGB, each with its true time.
 
 ITU-R BT.2100: hybrid log-gamma (HLG) and the perceptual quantiser (PQ), both on BT.2020 primaries. White at 203 cd/m^2
 (BT.2408) becomes 1 before the shoulder.

@@ -1,4 +1,4 @@
-"""Wall-clock time of training: the time spent, the share of it spent waiting for images, and recurring intervals."""
+"""What depends on the progress of training: learning rates, the perceptual term, and the order of the images."""
 
 from __future__ import annotations
 

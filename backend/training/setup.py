@@ -1,4 +1,4 @@
-"""The feature planes of an avatar, carried over to another hand model's atlas by nearest points of the two surfaces.
+"""The inputs and outputs of a training, and what its files record of them.
 
 Both templates must lie over each other, as two versions of a hand do. What the new surface has beside the old one gets
 the features of the old one's nearest point.

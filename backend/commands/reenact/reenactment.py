@@ -1,4 +1,4 @@
-"""The blur of a hand that moves while the shutter is open: the mean of a few renders of the fitted motion."""
+"""Re-enacts a tracked video: plate, gains, then frame after frame the avatars over the footage."""
 
 from __future__ import annotations
 

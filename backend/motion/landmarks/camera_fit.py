@@ -1,4 +1,4 @@
-"""Solves symmetric positive definite block systems in which each frame is tied to the next two.
+"""Fits all frames of a take at once to landmarks in the picture, through its camera.
 
 A maximum a posteriori estimate. Lifted landmarks give each joint's position in the picture, with a robust error, and
 each free angle, both with deviations of their own. Free angles have the distribution of natural poses besides, and

@@ -1,4 +1,4 @@
-"""The U-Net of SMPLpix: five levels, two convolutions each, skips by concatenation; sizes as its author published.
+"""SMPLpix: a drawing of the mesh goes through a U-Net (Prokudin et al., WACV 2021), with the mesh as the paper has it.
 
 Which channels the paper draws and which loss it takes is stated nowhere. Here the drawing holds the surface's normal in
 the camera's axes and, if asked for, its place on the template; the network returns colour on black, and alpha.

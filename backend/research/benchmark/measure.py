@@ -1,4 +1,4 @@
-"""The least time a stage can take on a machine: its arithmetic at peak or its bytes at bandwidth, the longer one.
+"""The benchmark: memory first, then every size in rounds over the moving hand.
 
 On the CPU this is the process's resident memory, which includes what earlier configurations left in the allocator: a
 peak is an upper bound. On CUDA it is the memory that torch has allocated.

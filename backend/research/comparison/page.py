@@ -1,4 +1,4 @@
-"""Curves as one SVG drawing, for the page: how each row falls as the mesh fits less."""
+"""The tables as Markdown, HTML and JSON: the paper's figures, ours, and what is to be said below them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A joint regressor: joints as weighted sums of the vertices around them.
+"""Makes a hand model in MANO's format from a user's skinned mesh, for captures and avatars of that mesh.
 
 A bone that is not a joint (a metacarpal, a tip, a twist bone) moves with the nearest joint above it. Bones above the
 wrist or beside it belong to no joint.

@@ -1,4 +1,4 @@
-"""The part of a film's picture that becomes an image of a capture, and its camera.
+"""Writes the capture of one hand that turns before a resting camera.
 
 The world is Blender's; the camera is its origin and looks along +Y. Light that rests while the hand turns depends on
 the surface's direction in this world, and so an avatar with baked light learns it. A left hand's pictures are mirrored,
