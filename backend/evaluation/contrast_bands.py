@@ -1,7 +1,7 @@
 """Contrast by scale: how much the lightness of the hand's pixels varies in bands of wavelengths, in millimetres.
 
 A band is the difference of two Gaussian blurs, whose deviations are 1 / pi of its two wavelengths; its figure is the
-standard deviation of L* (`cie_lab`) in it. Pixels are those of the hand that lie 1 mm inside its outline; blurs
+standard deviation of L* (CIE Lab) in it. Pixels are those of the hand that lie 1 mm inside its outline; blurs
 stay among them.
 """
 

@@ -25,7 +25,7 @@ from ..records.side import Side
 from .breakdown import error_breakdown
 from .distances import Distance, distance_of
 from .metrics import alpha_iou, difference_box, psnr_db, similarities
-from .visible_surface import VisibleSurface, vertex_openness, visible_surface
+from .visible_surface import VisibleSurface, vertex_ambient_occlusion, visible_surface
 
 # Over twice the reach of FLIP's filters (10 px): at this distance from any difference, FLIP is 0.
 _MARGIN_PX = 32
@@ -87,7 +87,7 @@ class PosedHands:
                 self._topologies[side] = topology_of(self._hand.for_side(side))
             topology = self._topologies[side]
             mesh = posed_mesh(topology, torch.as_tensor(self._vertices[index], dtype=torch.float32))
-            self._posed[index] = _Posed(topology, mesh, vertex_openness(mesh, topology))
+            self._posed[index] = _Posed(topology, mesh, vertex_ambient_occlusion(mesh, topology))
         return self._posed[index]
 
 

@@ -32,7 +32,7 @@ class VisibleSurface(NamedTuple):
     scale: Tensor
 
 
-def vertex_openness(mesh: PosedMesh, topology: Topology) -> Tensor:
+def vertex_ambient_occlusion(mesh: PosedMesh, topology: Topology) -> Tensor:
     """Compute [V] cosine-weighted share of the sky that the hand does not hide from each vertex, 0..1."""
     directions = direction_frames(DIRECTIONS, mesh.vertices.device)[:, 2]
     unhidden = (mesh.normals @ directions.T).clamp(min=0).sum(1)
@@ -50,7 +50,9 @@ def visible_surface(
     nearest = torch.full((height * width,), torch.inf, device=depth.device)
     nearest = nearest.scatter_reduce(0, pixel, depth, "amin")
     is_seen = depth == nearest[pixel]
-    nearest_openness = torch.ones_like(nearest)
-    nearest_openness[pixel[is_seen]] = ambient_occlusion[topology.faces].mean(1)[face[is_seen]]
+    nearest_ambient_occlusion = torch.ones_like(nearest)
+    nearest_ambient_occlusion[pixel[is_seen]] = ambient_occlusion[topology.faces].mean(1)[face[is_seen]]
     nearest = nearest.reshape(height, width)
-    return VisibleSurface(nearest, nearest_openness.reshape(height, width), nearest / view.K[0, 0].abs(), mesh.scale)
+    return VisibleSurface(
+        nearest, nearest_ambient_occlusion.reshape(height, width), nearest / view.K[0, 0].abs(), mesh.scale
+    )

@@ -2,7 +2,7 @@
 
 The nine stages of a frame, and where each is computed:
 
-1 pose         `pipeline`, `hand.skinning`       vertices and normals of the shot, joint rotations
+1 pose         `pipeline`, `hand.lbs`            vertices and normals of the shot, joint rotations
                `posed_surface`                   the avatar's surface over them, if it has one
 2 crop         `pipeline`, `image.crop`          the window that holds the hand, at half size
 3 rays         `pipeline`, `field.sampler`       first hits; where each ray is sampled in the shell

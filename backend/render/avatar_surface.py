@@ -18,7 +18,7 @@ from ..surface.base_surface import whole_surface
 from ..surface.detail_maps import DetailMaps, SkinLook
 from ..surface.detail_maps_file import SkinFlexion, skin_detail_of
 from ..surface.detail_mesh import DetailMesh, DetailTemplate, motion_of_mesh
-from ..surface.detail_surface import DetailSurface, fine_surface_of
+from ..surface.detail_surface import DetailSurface, detail_surface_of
 from ..surface.hair_growth import HairGround, HairGrowth, Hairs, grown_hairs
 from ..surface.hairs import hair_albedo
 from ..surface.stored_surface import StoredSurface
@@ -87,7 +87,7 @@ def avatar_surface_of(avatar: Avatar, device: torch.device) -> AvatarSurface | N
     Raises:
         LiveHandError: its base is another version's.
     """
-    return None if avatar.surface is None else _known_skin(avatar.surface, device)
+    return None if avatar.surface is None else _posable(avatar.surface, device)
 
 
 def skin_of_capture(capture: Capture, device: torch.device) -> AvatarSurface | None:
@@ -97,16 +97,16 @@ def skin_of_capture(capture: Capture, device: torch.device) -> AvatarSurface | N
         LiveHandError: its file is missing or broken.
     """
     surface = surface_of_capture(capture)
-    return None if surface is None else _known_skin(surface, device)
+    return None if surface is None else _posable(surface, device)
 
 
-def _known_skin(surface: StoredSurface, device: torch.device) -> AvatarSurface:
+def _posable(surface: StoredSurface, device: torch.device) -> AvatarSurface:
     arrays, person = whole_surface(surface).arrays, surface.person
     detail = skin_detail_of(arrays)
     return AvatarSurface(
         maps=DetailMaps.of(detail, SkinLook(person.melanin, person.folds, person.veins_mm), device),
         bend=detail.bend,
-        surface=fine_surface_of(arrays),
+        surface=detail_surface_of(arrays),
         veins_mm=person.veins_mm,
         hair_albedo=hair_albedo(person.melanin),
         hair_growth=HairGrowth(arrays["hair/share"], surface.hair),

@@ -25,7 +25,7 @@ from ..light.sky_samples import SKY_DIRECTIONS, ShadowedSky, SkySamples
 from ..records.light import Light
 from .primary_hits import LampShadowCaster, LampShadowCasters
 
-SKY_MAP_PX, LAMP_MAP_PX, SOFT_MAP_PX, PROBE_MAP_PX = 64, 256, 192, 64
+SKY_MAP_PX, LAMP_MAP_PX, SOFT_MAP_PX, SURFEL_MAP_PX = 64, 256, 192, 64
 """Sides of the shadow maps of one direction of the sky, and of one sample of a lamp: at rays and patches; at rays, of a
 lamp whose shadows are too soft to show their pixels; at surfels."""
 # By how much patches lie before their surface in shadow maps: it must not shadow itself where light grazes.
@@ -90,7 +90,7 @@ def light_visibility(
     position: Float[Tensor, "R 3"],
     sky_visibility: PointShadows,
     albedo: Tensor,
-    at_probes: LampSamples | None = None,
+    at_surfels: LampSamples | None = None,
     shadow_casters: LampShadowCasters | None = None,
 ) -> LightVisibility:
     """Cast the shadows of a light at points.
@@ -103,16 +103,16 @@ def light_visibility(
         position: of the points, m, world.
         sky_visibility: as in `LightVisibility`.
         albedo: as in `light_shadows`.
-        at_probes: as `shining_on_probes` there.
+        at_surfels: as `lamps_on_surfels` there.
         shadow_casters: as there.
     """
     occluders = occluding_triangles(light, position.device)
     of_cells = sky_shadows(backend, hand, occluders, position) if len(occluders) else sky_visibility
     of_sky = with_parts(of_cells, samples.sky, backend, hand, occluders, position)
-    shadows = light_shadows(backend, hand, samples, occluders, position, of_sky, albedo, at_probes, shadow_casters)
+    shadows = light_shadows(backend, hand, samples, occluders, position, of_sky, albedo, at_surfels, shadow_casters)
     around = None
     if light.measured is None:
-        emitted = samples if at_probes is None else samples._replace(lamps=at_probes)
+        emitted = samples if at_surfels is None else samples._replace(lamps=at_surfels)
         around = nearby_geometry_of(backend, hand, emitted, light)
     return LightVisibility(samples, shadows, sky_visibility, around)
 
@@ -166,7 +166,7 @@ def light_shadows(
     position: Float[Tensor, "R 3"],
     of_sky: PointShadows,
     albedo: Tensor,
-    shining_on_probes: LampSamples | None = None,
+    lamps_on_surfels: LampSamples | None = None,
     shadow_casters: LampShadowCasters | None = None,
 ) -> FrameShadows:
     """Cast the shadows of a light at points, by the hand itself and by occluders.
@@ -179,7 +179,7 @@ def light_shadows(
         position: of the points, m, world.
         of_sky: as `sky_shadows` gives them.
         albedo: of the skin, for indirect diffuse light, [V, 3] of the vertices or [3] of all.
-        shining_on_probes: the lamps as they light the surfels, in fewer samples; None: as everywhere.
+        lamps_on_surfels: the lamps as they light the surfels, in fewer samples; None: as everywhere.
         shadow_casters: cast and take their shadows; None: the mesh does, at the points.
     """
     surfels, bounds = Surfels.of(hand.mesh, hand.topology, hand.light_quality.surfels), Bounds.of(hand.mesh)
@@ -199,11 +199,11 @@ def light_shadows(
         return PointShadows(*(torch.cat(values)[order] for values in zip(*parts, strict=True)))
 
     on_mesh = LampShadowCaster(hand.mesh, hand.topology.faces, position)
-    at_probes = on_mesh._replace(position=surfels.position)
+    at_surfels = on_mesh._replace(position=surfels.position)
     # Apart, for a map is as fine as its points are near.
     lamps = of_lamps(light.lamps, shadow_casters or LampShadowCasters(on_mesh, on_mesh), LAMP_MAP_PX, SOFT_MAP_PX)
-    probe_light = light._replace(lamps=light.lamps if shining_on_probes is None else shining_on_probes)
-    probe_lamps = of_lamps(probe_light.lamps, LampShadowCasters(at_probes, at_probes), PROBE_MAP_PX, PROBE_MAP_PX)
+    probe_light = light._replace(lamps=light.lamps if lamps_on_surfels is None else lamps_on_surfels)
+    probe_lamps = of_lamps(probe_light.lamps, LampShadowCasters(at_surfels, at_surfels), SURFEL_MAP_PX, SURFEL_MAP_PX)
     sky, probe_sky = split_points(of_sky, len(position))
     of_probes = irradiance_at_surfels(probe_light, probe_sky, probe_lamps, surfels)
     of_discs = albedo if albedo.dim() == 1 else albedo[surfels.chosen]
@@ -262,8 +262,8 @@ def features_with_nearby(
         return backend.light_features(light, shadows, points)
     skin = shadows.surfels
     emitted = around.emitted(light, skin, backend.indirect_diffuse)
-    at_points, at_probes = split_points(sky_visibility, len(points.position))
-    on_probes = backend.near_field_light(around.patches, at_probes, emitted, SurfacePoints.of(skin.surfels))
+    at_points, at_surfels = split_points(sky_visibility, len(points.position))
+    on_probes = backend.near_field_light(around.patches, at_surfels, emitted, SurfacePoints.of(skin.surfels))
     skin = skin._replace(besides=on_probes.diffuse(skin.surfels.normal))
     features = backend.light_features(light, shadows._replace(surfels=skin), points)
     return backend.near_field_light(around.patches, at_points, emitted, points).added_to(features)

@@ -23,7 +23,7 @@ been measured; both ways are as they were when the shipped avatars were trained.
 - Frames smooth light over neighbouring rays (`features` here), training does not (`LightVisibility.features`).
 - For indirect diffuse, frames take the albedo at each vertex (`albedo`), training the mean of what a view shows
   (`LightVisibility.with_albedo`), as its field changes at every step.
-- Frames that are kept take more samples of soft lamps on the rays than on the surfels (`at_probes` of
+- Frames that are kept take more samples of soft lamps on the rays than on the surfels (`at_surfels` of
   `light_visibility`); training takes the fewer for both.
 - Only frames blend the edges of parts, draw hair and take light that was measured.
 """
@@ -129,9 +129,9 @@ class RelightablePipeline(Pipeline):
         """Cast the shadows of a light."""
         samples = LightSamples.of(light, gbuffer.bounds)
         # Indirect diffuse light is soft whatever its shadows.
-        at_probes = LampSamples.of(light.lamps, gbuffer.bounds) if light.shadow_quality == "fine" else None
+        at_surfels = LampSamples.of(light.lamps, gbuffer.bounds) if light.shadow_quality == "fine" else None
         hand, position, albedo = gbuffer.met.hand, gbuffer.met.position, gbuffer.albedo
-        given = samples, position, gbuffer.sky_visibility, albedo, at_probes, _lamp_skins(gbuffer, light)
+        given = samples, position, gbuffer.sky_visibility, albedo, at_surfels, _lamp_skins(gbuffer, light)
         return light_visibility(self.backend, hand, light, *given)
 
     def features(self, gbuffer: GBuffer, visibility: LightVisibility, light: Light) -> LightFeatures:

@@ -1,7 +1,7 @@
 """The surface of the built-in hand as its captures show it, at two levels of subdivision, with what a pose raises.
 
 Heights lie along the normals of a surface finer than the template, which has none of them: that of captures
-(`builtin/detailed_surface.py`), or that of pictures (`fine_surface.py`).
+(`teacher/detailed_surface.py`), or that of pictures (`detail_surface_of`).
 
 The template's faces are chords of a round surface, up to a millimetre below it, and know neither knuckles nor tendons.
 The generator knows where the surface is (`tools/builtin_hand/fine_offsets.py` writes the base's file). Vertices follow
@@ -117,10 +117,10 @@ def surface_arrays(surface: DetailSurface) -> dict[str, np.ndarray]:
 
 def load_detail_surface(hand_sha256: str) -> DetailSurface | None:
     """Load the base surface of a built-in hand; None: this hand has none."""
-    return fine_surface_of(base_arrays(SURFACE_FILE)) if has_base(hand_sha256) else None
+    return detail_surface_of(base_arrays(SURFACE_FILE)) if has_base(hand_sha256) else None
 
 
-def fine_surface_of(arrays: Mapping[str, np.ndarray]) -> DetailSurface:
+def detail_surface_of(arrays: Mapping[str, np.ndarray]) -> DetailSurface:
     """Build the surface of a file's arrays (`stored_surface.ARRAYS`)."""
     heights_mm = arrays["form/height"] * np.float32(HEIGHT_STEP_MM)
     forms = [

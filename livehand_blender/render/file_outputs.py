@@ -21,7 +21,7 @@ def apply_file_outputs(scene: bpy.types.Scene, folder: Path, choice: FileOutputs
 
     A node that is moved writes into a folder of its own name, in `folder`.
     """
-    outside = [(node, place) for node, place in _points(scene) if not _is_in(place, folder)]
+    outside = [(node, place) for node, place in _paths(scene) if not _is_in(place, folder)]
     if choice == "keep":
         return _warning([place for _, place in outside])
     for node, place in outside:
@@ -33,15 +33,15 @@ def apply_file_outputs(scene: bpy.types.Scene, folder: Path, choice: FileOutputs
     return None
 
 
-def _warning(points: list[Path]) -> str | None:
-    if not points:
+def _warning(paths: list[Path]) -> str | None:
+    if not paths:
         return None
-    count = f"{len(points)} File Output nodes write" if len(points) > 1 else "a File Output node writes"
-    names = ", ".join(dict.fromkeys(map(str, points)))
+    count = f"{len(paths)} File Output nodes write" if len(paths) > 1 else "a File Output node writes"
+    names = ", ".join(dict.fromkeys(map(str, paths)))
     return f"{count} outside the output folder: {names}; --file-outputs mute leaves that out, move puts it there"
 
 
-def _points(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Node, Path]]:
+def _paths(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Node, Path]]:
     """Yield the nodes that write, and where."""
     tree = scene.compositing_node_group if IS_GROUP else scene.use_nodes and scene.node_tree
     if not (tree and scene.render.use_compositing):

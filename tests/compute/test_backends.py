@@ -7,7 +7,7 @@ import pytest
 from livehand.backend.compute.cpu.backend import NumbaBackend
 from livehand.backend.compute.cuda import CudaBackend
 from livehand.backend.compute.kernels.brdf import MirrorArrays
-from livehand.backend.compute.kernels.edges import PartMarks
+from livehand.backend.compute.kernels.edges import EdgeMask
 from livehand.backend.compute.kernels.field import RayOutputs
 from livehand.backend.compute.kernels.image import EnlargedArrays
 from livehand.backend.compute.kernels.light import FeatureArrays, LampArrays, PointArrays
@@ -125,7 +125,7 @@ def test_planted_faults_are_found(backend, fault):
         (EnlargedArrays, EnlargedRays._fields),
         (ShadowPoints, ShadowMapPoints._fields),
         (MirrorArrays, [*PrefilteredEnvironment._fields, "side", "least_roughness"]),
-        (PartMarks, ["between", "part", "bone_of_face", *SurfaceBones._fields[1:]]),
+        (EdgeMask, ["between", "part", "bone_of_face", *SurfaceBones._fields[1:]]),
         (RayOutputs, ["features", *Composite._fields[1:], "t", "dt"]),
     ],
 )

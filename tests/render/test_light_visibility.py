@@ -197,23 +197,23 @@ def test_what_stands_around_lights_skin_that_lights_skin(backend, posed, view_fr
     torch.testing.assert_close(
         alone.reflected, light_features(samples, shadows, points).reflected, rtol=1e-3, atol=1e-6
     )
-    at_points, at_probes = split_points(sky_visibility, len(position))
+    at_points, at_surfels = split_points(sky_visibility, len(position))
     emitted = around.emitted(samples, shadows.surfels)
     near = backend.near_field_light(around.patches, at_points, emitted, points)
     torch.testing.assert_close(found.sky_vectors, alone.sky_vectors + near.sky_vectors)
     surfels = shadows.surfels.surfels
-    received = near_on(backend, around.patches, emitted, at_probes, surfels)
+    received = near_on(backend, around.patches, emitted, at_surfels, surfels)
     more = indirect_diffuse_on_mesh(points.hit_points, position, normal, surfels, albedo * received)
     torch.testing.assert_close(found.reflected - alone.reflected, more, rtol=1e-3, atol=1e-5)
     assert more.mean() > 0.01 * near.sky_vectors.abs().mean()
 
 
-def near_on(backend, patches, emitted, at_probes, surfels):
+def near_on(backend, patches, emitted, at_surfels, surfels):
     """What the probes receive of patches."""
     seen = SurfacePoints(
         surfels.position, surfels.normal, surfels.normal, -surfels.normal, no_places(len(surfels.chosen))
     )
-    vectors = backend.near_field_light(patches, at_probes, emitted, seen).sky_vectors
+    vectors = backend.near_field_light(patches, at_surfels, emitted, seen).sky_vectors
     return torch.einsum("pxc,px->pc", vectors, surfels.normal).clamp(min=0)
 
 

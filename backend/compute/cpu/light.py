@@ -29,7 +29,7 @@ from ...light.sky_samples import SkySamples
 from ...light.visibility import MAP_PX, ShadowMapPoints
 from ..kernels.brdf import Lobes
 from ..kernels.light import FeatureArrays, LampArrays, PointArrays, SkyArrays, SurfelArrays, bounce
-from ..kernels.light import ambient_occlusion as fill_openness
+from ..kernels.light import ambient_occlusion as fill_ambient_occlusion
 from ..kernels.light import light_features as fill_features
 from ..kernels.nearby import NearArrays, PatchArrays
 from ..kernels.nearby import near_field_light as fill_near_light
@@ -86,7 +86,9 @@ def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tens
     """Compute the ambient occlusion of points with these normals."""
     found = AmbientOcclusion(torch.empty(len(normal)), torch.empty(len(normal), 3))
     (towards, normals, share, mean), lit = as_arrays(sky.towards, normal.T, *found), whole_rows(shadows.lit)
-    in_parallel(lambda first, last: fill_openness(towards, normals, lit, first, last, share, mean), len(normal))
+    in_parallel(
+        lambda first, last: fill_ambient_occlusion(towards, normals, lit, first, last, share, mean), len(normal)
+    )
     return found
 
 

@@ -25,13 +25,13 @@ from ...surface.ray_hits import RayHits
 from ...surface.shading_detail import FOLD_LOG_ALBEDO, LEAST_COSINE, MOST_TAPS, ONE_TAP_MORE, SHARPER
 from ..kernels.detail import DetailConstants, DetailedArrays, DetailTable, PosedSurface, VisibleFaces, add_skin
 from ..kernels.edges import (
+    EdgeMask,
     EdgeSamples,
-    PartMarks,
     blend_parts,
     depth_at_rim,
     edge_shares,
+    find_part_edges,
     mark_outline,
-    mark_parts,
     pixel_squares,
     sample_faces,
     spread_coverage,
@@ -149,12 +149,12 @@ def visible_surface(mesh: DetailMesh, camera: CameraTensors) -> PixelSurface:
     on_outline, bits = np.empty(pixels, np.bool_), np.zeros(pixels, np.uint16)
     covered, coverage, deep = np.empty((3, pixels), np.float32)
     bone_of_face, apart = as_arrays(*mesh.bones)
-    marks = PartMarks(np.empty(pixels, np.float32), np.empty(pixels, np.int8), bone_of_face, apart)
+    marks = EdgeMask(np.empty(pixels, np.float32), np.empty(pixels, np.int8), bone_of_face, apart)
     step_m, step_per_m = np.float32(STEP_M * mesh.scale), np.float32(STEP_PX / camera.focal_px)
 
     def mark_rows(first: int, last: int) -> None:
         mark_outline(face_at, width, height, first, last, on_outline)
-        mark_parts(nearest, face_at, width, height, step_m, step_per_m, first, last, marks)
+        find_part_edges(nearest, face_at, width, height, step_m, step_per_m, first, last, marks)
 
     def spread_rows(first: int, last: int) -> None:
         spread_coverage(covered, on_outline, _SPREAD, width, height, first, last, coverage)

@@ -18,7 +18,7 @@ _BITS = 16
 _NO_BONE, _MOST_BONE = np.int8(-1), np.int8(127)
 
 
-class PartMarks(NamedTuple):
+class EdgeMask(NamedTuple):
     """Which of P pixels show two parts of a surface of M faces (`surface.edge_antialiasing`).
 
     Attributes:
@@ -85,8 +85,8 @@ def mark_outline(face_at, width, height, first_row, last_row, on_outline):
 
 
 @compiled
-def mark_parts(nearest, face_at, width, height, step_m, step_per_m, first_row, last_row, marks):
-    """Fill rows [first_row, last_row) of `marks` (`PartMarks`)."""
+def find_part_edges(nearest, face_at, width, height, step_m, step_per_m, first_row, last_row, marks):
+    """Fill rows [first_row, last_row) of `marks` (`EdgeMask`)."""
     low, high = np.empty(width + 2, np.float32), np.empty(width + 2, np.float32)
     bones = np.empty((3, width + 2), np.int8)
     least, most = np.empty(width + 2, np.int8), np.empty(width + 2, np.int8)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.evaluation.visible_surface import vertex_openness, visible_surface
+from livehand.backend.evaluation.visible_surface import vertex_ambient_occlusion, visible_surface
 from livehand.backend.field.rays import camera_tensors, ray_directions
 from livehand.backend.records.camera import Camera, look_at
 
@@ -48,9 +48,9 @@ def test_the_nearest_front_face_hides_the_others(spheres):
 
 def test_a_lone_sphere_is_open_and_a_gap_is_not(spheres):
     mesh, topology = spheres(((0, 0, 0), 0.05), subdivisions=3)
-    assert vertex_openness(mesh, topology).min() > 0.9
+    assert vertex_ambient_occlusion(mesh, topology).min() > 0.9
     pair, both = spheres(((0, 0, -0.051), 0.05), ((0, 0, 0.051), 0.05), subdivisions=3)
-    ambient_occlusion = vertex_openness(pair, both)
+    ambient_occlusion = vertex_ambient_occlusion(pair, both)
     at_gap = pair.vertices[:, 2].abs() < 0.004
     far_side = pair.vertices[:, 2].abs() > 0.09
     assert ambient_occlusion[at_gap].max() < 0.5
