@@ -15,7 +15,7 @@ class CudaBackend(ReferenceBackend):
     def __init__(self, cpu: ReferenceBackend) -> None:
         self._cpu = cpu
 
-    def look_up(self, scene: ShadowScene, hit_points: Float[Tensor, "P 3"]) -> PointShadows:
+    def look_up(self, scene: ShadowScene, map_points: Float[Tensor, "P 3"]) -> PointShadows:
         """Look up shadows as the CPU does, of what lies on any device."""
         here = scene._replace(
             views=ShadowViews(*(values.cpu() for values in scene.views)),
@@ -23,4 +23,4 @@ class CudaBackend(ReferenceBackend):
             faces=scene.faces.cpu(),
             others=scene.others.cpu(),
         )
-        return PointShadows(*(values.to(hit_points.device) for values in self._cpu.look_up(here, hit_points.cpu())))
+        return PointShadows(*(values.to(map_points.device) for values in self._cpu.look_up(here, map_points.cpu())))

@@ -21,7 +21,15 @@ from ..light.lighting import COEFFICIENTS, SMOOTH, BumpMapping, LightFeatures, S
 from .maps import enlarge_maps, low_resolution_maps, ray_of_pixel
 from .superres import enlarge
 
-_OF_RAYS = ("lamp_vectors", "sky_vectors", "sky_seen", "near_gloss", "scattered", "arriving", "reflected")
+_OF_RAYS = (
+    "lamp_vectors",
+    "sky_vectors",
+    "lobe_visibility",
+    "near_field_specular",
+    "scattered",
+    "arriving",
+    "reflected",
+)
 """The fields of `LightFeatures` that differ from ray to ray."""
 MIN_ALPHA = 0.02
 """Keeps what is divided by alpha finite beside the hand, where it does not count."""

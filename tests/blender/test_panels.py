@@ -223,7 +223,7 @@ def test_missing_packages_are_named_with_a_way_to_install_them(panel, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("mode", "is_transparent", "is_told"), [("SCENE", True, 1), ("SCENE", False, 0), ("HAND", True, 0)]
+    ("mode", "is_transparent", "is_determined"), [("SCENE", True, 1), ("SCENE", False, 0), ("HAND", True, 0)]
 )
 def test_a_film_that_hides_the_scenes_world_is_pointed_out(mode, is_transparent, is_determined):
     scene = bpy.context.scene

@@ -64,7 +64,7 @@ def test_another_avatar_is_told_with_counts_and_refused_under_strict(render, ava
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "reported"),
     [("shot", "another state of the .blend"), ("linked", "other linked files"), ("settings", "other settings")],
 )
 def test_an_edited_shot_a_changed_texture_and_other_settings_are_told(render, shot_path, tmp_path, change, reported):

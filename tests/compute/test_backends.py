@@ -25,14 +25,14 @@ from livehand.backend.light.visibility import ShadowMapPoints
 from livehand.backend.surface.edge_antialiasing import SurfaceBones
 
 # What numba leaves to the reference: sequences of stages, of which it overrides the costly parts.
-LEFT_TO_THE_REFERENCE = {"visibility", "point_shadows", "lit_image"}
+LEFT_TO_THE_REFERENCE = {"visibility", "point_shadows", "shading_inputs"}
 BY_NUMBA = set("""
     frames_at_once threads_of_frame
     skin_motion posed_mesh local_rotations
     first_hit trace shade ray_renderer decoder decoder_inputs superres
-    lit_share look_up openness light_features skin_places bounced near_light
-    smooth_enlarged_rays shares_of_rays normals_at_steps view_directions surface_means relit
-    fine_mesh seen_surface ray_hits detailed_image blended
+    lit_share look_up ambient_occlusion light_features mesh_points indirect_diffuse near_field_light
+    smooth_enlarged_rays shares_of_rays normals_at_steps view_directions edge_avoiding_mean shade_image
+    detail_mesh visible_surface ray_hits detailed_image blended
 """.split())  # fmt: skip
 
 
@@ -106,7 +106,7 @@ class Again(NumbaBackend):
     ("backend", "fault"),
     [
         (Invented, "relighted is no stage of the reference"),
-        (Renamed, "openness has other parameters than the reference's"),
+        (Renamed, "ambient_occlusion has other parameters than the reference's"),
         (WithDefault, "ray_hits has other parameters than the reference's"),
         (Again, "frames_at_once is overridden 2 times"),
     ],

@@ -81,7 +81,7 @@ def test_views_look_from_the_lamp():
     torch.testing.assert_close(views.distance, torch.tensor([3.0, FAR]))
 
 
-@pytest.mark.parametrize("penumbra", ["coarse", "fine"])
+@pytest.mark.parametrize("shadow_quality", ["coarse", "fine"])
 @pytest.mark.parametrize(("size_m", "fewest"), [(0.08, 3), (0.2, 8), (0.9, 15)])
 def test_an_edge_hides_the_points_of_a_square_lamp_one_after_the_other(size_m, fewest, shadow_quality):
     """Along both sides; the points lie evenly: the mean is the lamp's centre, without correlation."""

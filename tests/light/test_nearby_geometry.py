@@ -142,7 +142,7 @@ def test_an_even_wall_is_as_bright_as_its_form_factor(backend, seen):
     patches, _, emitted, points = seen
     down = torch.tensor([[0.0, 0, -1], [0, 0, 1]])
     two = SurfacePoints(
-        torch.zeros(2, 3), down, down, -down, MeshPoints(points.spots.vertex[:2], points.spots.weight[:2])
+        torch.zeros(2, 3), down, down, -down, MeshPoints(points.hit_points.vertex[:2], points.hit_points.weight[:2])
     )
     clear = PointShadows(torch.ones(SKY_DIRECTIONS, 2), torch.zeros(SKY_DIRECTIONS, 2))
     found = backend.near_field_light(patches, clear, torch.ones_like(emitted), two)

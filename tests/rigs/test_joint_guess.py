@@ -12,7 +12,7 @@ from livehand.backend.rigs.joint_guess import guess_joints
 from livehand.backend.rigs.source_skeleton import JointMap
 
 LIB = runpy.run_path(str(Path(__file__).parent / "skeletons.py"))
-hand_bones, skeleton, points = LIB["hand_bones"], LIB["skeleton"], LIB["places"]
+hand_bones, skeleton, points = LIB["hand_bones"], LIB["skeleton"], LIB["points"]
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 TITLES = ("Index", "Middle", "Pinky", "Ring", "Thumb")
 PLAIN = ("f_index", "f_middle", "f_pinky", "f_ring", "thumb")

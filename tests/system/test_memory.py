@@ -21,7 +21,7 @@ def error_of(ask):
 
 
 @pytest.mark.parametrize(
-    ("ask", "told"),
+    ("ask", "reported"),
     [
         (lambda: np.empty((1 << 28, 1 << 20), np.float32), "1.05e+06 GB of memory more must be free"),
         (lambda: torch.empty(1 << 50, dtype=torch.float32), "4.19e+06 GB of memory more must be free"),

@@ -34,7 +34,7 @@ def test_the_command_trains(painted_capture, tmp_path, capsys):
     assert load_avatar(output).provenance["precision"] == "bf16"
 
 
-@pytest.mark.parametrize(("version", "is_told"), [(None, False), (skin_version(), False), ("0" * 12, True)])
+@pytest.mark.parametrize(("version", "is_determined"), [(None, False), (skin_version(), False), ("0" * 12, True)])
 def test_a_capture_of_an_earlier_skin_is_told(painted_capture, tmp_path, capsys, version, is_determined):
     reported = {} if version is None else {SKIN_VERSION: version}
     capture = replace(painted_capture, provenance={**painted_capture.provenance, **reported})

@@ -112,14 +112,14 @@ def mesh_points(
     return hit_points
 
 
-def look_up(scene: ShadowScene, hit_points: Float[Tensor, "P 3"]) -> PointShadows:
+def look_up(scene: ShadowScene, map_points: Float[Tensor, "P 3"]) -> PointShadows:
     """Look up shadows, as `light.shadow_maps.look_up_reference`: makes the maps of one view after the other."""
     tensors = (*scene.views, scene.vertices.T, scene.faces, scene.others.T)
     arrays = (values.contiguous().numpy() for values in tensors)
     lengths = map(np.float32, (scene.tolerance, scene.contact, scene.max_depth_in, scene.template_m))
     others = np.arange(len(scene.others)).reshape(-1, 3)
     casters = ShadowCasters._make((*arrays, others, scene.map_px, *lengths))
-    shape, points = (len(scene.views.distance), len(hit_points)), hit_points.T.contiguous().numpy()
+    shape, points = (len(scene.views.distance), len(map_points)), map_points.T.contiguous().numpy()
     shadows = PointShadows(torch.empty(shape), torch.empty(shape))
     lit, depth_in = (values.numpy() for values in shadows)
     in_parallel(lambda first, last: look_up_points(casters, points, first, last, lit, depth_in), len(lit))

@@ -57,7 +57,7 @@ class LampArrays(NamedTuple):
     depth_in_m: np.ndarray
 
 
-FeatureArrays = namedtuple("FeatureArrays", "lamp_vectors sky_vectors sky_seen scattered")
+FeatureArrays = namedtuple("FeatureArrays", "lamp_vectors sky_vectors lobe_visibility scattered")
 """As those of `light.lighting.LightFeatures` at R points; zero at the start."""
 
 

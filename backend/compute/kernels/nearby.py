@@ -41,7 +41,7 @@ class PatchArrays(NamedTuple):
     cells: int
 
 
-NearArrays = namedtuple("NearArrays", "sky_vectors near_gloss scattered")
+NearArrays = namedtuple("NearArrays", "sky_vectors near_field_specular scattered")
 """As `light.near_field_light.NearFieldFeatures` at R points."""
 
 

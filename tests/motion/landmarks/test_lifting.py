@@ -62,7 +62,7 @@ def test_a_turned_camera_changes_nothing_but_the_places(sights):
     picture_points, matrix = turned(sights["places"], 130)
     other = mediapipe_lifting(picture_points, sights["world"] @ matrix.T)
     np.testing.assert_allclose(other.picture_points, turned(usual.picture_points, 130)[0], atol=1e-7)
-    for name in ("free", "free_sd", "places_sd"):
+    for name in ("free", "free_sd", "points_sd"):
         np.testing.assert_allclose(getattr(other, name), getattr(usual, name), atol=1e-6)
 
 
