@@ -37,6 +37,7 @@ function renderTask(settings, chunk) {
             `--frames=${settings.frames}`,
             `--format=${settings.format}`,
             `--chunk=${chunk}`,
+            "--strict",
             "--json",
         ],
     }));

@@ -49,7 +49,7 @@ def test_the_record_holds_what_the_renderer_got(shot_path, tmp_path, fake_sessio
             "shot": hashlib.sha256(shot_path.read_bytes()).hexdigest(),
             "linked": {},
             "avatars": [hashlib.sha256(b"avatar").hexdigest()],
-            "hand_models": [hashlib.sha256(builtin_hand_path(DEFAULT_HAND).read_bytes()).hexdigest()],
+            "hand_models": [hashlib.sha256(builtin_hand_path().read_bytes()).hexdigest()],
             "size_px": [48, 64],
             "settings": {"device": "auto", "precision": "fp32"},
         }

@@ -78,7 +78,7 @@ def test_the_command_renders_it_and_keeps_everything_else(tmp_path, thumbnail):
 
 def test_the_command_refuses_another_hand(tmp_path, capsys):
     path = tmp_path / "a.safetensors"
-    save_avatar(replace(load_avatar(), hand_sha256="ab" * 32), path)
+    save_avatar(replace(load_avatar(), hand_sha256="ab" * 32, surface=None), path)
     before = path.read_bytes()
     assert run_commands("livehand", "", COMMANDS, ["thumbnail", str(path)]) == 1
     assert "must be given its own hand model" in capsys.readouterr().err

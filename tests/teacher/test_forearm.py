@@ -44,7 +44,7 @@ def volume_ml(vertices, faces):
 @pytest.mark.slow
 def test_generator_gives_the_shipped_hand_with_an_arm():
     built = build_hand(quads_with_forearm(), forearm=True)
-    with np.load(builtin_hand_path("hand_with_arm")) as shipped:
+    with np.load(builtin_hand_path()) as shipped:
         assert set(built) == set(shipped)
         for name in shipped:
             assert built[name].dtype == shipped[name].dtype, name
