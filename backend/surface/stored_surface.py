@@ -141,12 +141,12 @@ def check_arrays(arrays: Mapping[str, np.ndarray], source: str, regions: int, is
 def _check_array(name: str, values: np.ndarray, lengths: dict[str, int], source: str) -> None:
     spec = ARRAYS[name]
     if values.dtype != spec.dtype or values.ndim != len(spec.axes):
-        raise LiveHandError(f"{source}: {name} must be {_told(spec)}, got {values.dtype} {list(values.shape)}")
+        raise LiveHandError(f"{source}: {name} must be {_described(spec)}, got {values.dtype} {list(values.shape)}")
     for axis, length in zip(spec.axes, values.shape, strict=True):
         wanted = axis if isinstance(axis, int) else lengths.setdefault(axis, length)
         if length != wanted or length == 0:
             known = "".join(f", {key} = {value}" for key, value in lengths.items() if key in spec.axes)
-            raise LiveHandError(f"{source}: {name} must be {_told(spec)}{known}, got {list(values.shape)}")
+            raise LiveHandError(f"{source}: {name} must be {_described(spec)}{known}, got {list(values.shape)}")
     low, high = float(values.min()), float(values.max())
     if not (math.isfinite(low) and math.isfinite(high)):
         raise LiveHandError(f"{source}: {name} must be finite, got NaN or infinity")
@@ -198,7 +198,7 @@ def _region(values: dict[str, Any], source: str) -> HairRegion:
     return HairRegion(*(float(values[name]) for name in HairRegion._fields))
 
 
-def _told(spec: ArraySpec) -> str:
+def _described(spec: ArraySpec) -> str:
     return f"{spec.dtype} [{', '.join(map(str, spec.axes))}]"
 
 

@@ -78,7 +78,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--refine-surface", action="store_true", help="--refine, and correct the surface of the hand model too")
     add("--camera-colours", action="store_true", help="train a gain and a bias per camera, for real camera rigs")
     add(
-        "--wear-cameras",
+        "--output-cameras",
         dest="avatar_cameras",
         type=int,
         nargs="+",

@@ -29,7 +29,7 @@ _COLUMNS = 4
 _WHOLE_PX = 480
 # Places of `skin_colours` on the open hand: whether they are seen on the back, radius, mm, joints, and the offset of
 # each from its joint along (distal, dorsal, radial), mm.
-_PLACES = {
+_POINTS_OF_COLOUR = {
     BACK: (True, 8.0, (4, 10), (-32.0, 0.0, 0.0)),
     "palm": (False, 8.0, (4, 10), (-32.0, 0.0, 0.0)),
     "fingertip pads": (False, 3.0, (3, 6, 12), (11.0, 0.0, 0.0)),
@@ -94,7 +94,7 @@ class _Studio:
         aims = {on_back: aim(WHOLE_HANDS[f"open, {side}"], self._model, self._beta, 1000) for on_back, side in _SIDES}
         albedo = {on_back: self._render(one) for on_back, one in aims.items()}
         found = {}
-        for place, (on_back, radius_mm, joints, offset_mm) in _PLACES.items():
+        for place, (on_back, radius_mm, joints, offset_mm) in _POINTS_OF_COLOUR.items():
             if place == "forearm" and not self._model.has_arm:
                 continue
             at = aims[on_back]
