@@ -7,7 +7,7 @@ from importlib import metadata
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.hand.model_file import DEFAULT_HAND, builtin_hand_path, load_default_hand
+from livehand.backend.hand.model_file import builtin_hand_path, load_default_hand
 from livehand.livehand_blender.render.plan import SequencePlan
 from livehand.livehand_blender.render.sequence import write_sequence
 from livehand.livehand_blender.rig.build import add_hand
