@@ -22,10 +22,17 @@ from ...backend.system.packages import install_command, missing_requirements
 
 @dataclass(frozen=True)
 class HandSource:
-    """The files of a hand's model and avatar."""
+    """The files of a hand's model and avatar.
+
+    Attributes:
+        model_path: of the hand model.
+        avatar_path: of the avatar.
+        builtin_sha256: the hash that the built-in hand must have, as the hand names no file of its own; else None.
+    """
 
     model_path: Path
     avatar_path: Path
+    builtin_sha256: str | None = None
 
     def renderer(self, session: Session, device: Device) -> HandRenderer:
         """Return the hand's renderer; loading it may take seconds.
@@ -33,7 +40,13 @@ class HandSource:
         Raises:
             LiveHandError: a file or a package is missing, or they do not fit together.
         """
-        return session.renderer(self.avatar_path, session.hand(self.model_path), device)
+        model = session.hand(self.model_path)
+        if self.builtin_sha256 is not None and self.builtin_sha256 != model.sha256:
+            raise LiveHandError(
+                f"a hand of another model than the built-in one must name the model's file, got none and the hash "
+                f"{self.builtin_sha256[:12]}...; choose that file in Hand Model, or add the hand again"
+            )
+        return session.renderer(self.avatar_path, model, device)
 
 
 def load_for(name: str, source: HandSource, session: Session, device: Device) -> HandRenderer:
@@ -54,6 +67,7 @@ def hand_source(armature: bpy.types.Object) -> HandSource:
     return HandSource(
         model_path or builtin_hand_path(),
         avatar_path or shipped_avatar_path(hand.skin),
+        (hand.model_sha256 or None) if model_path is None else None,
     )
 
 

@@ -7,6 +7,8 @@ import pytest
 from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path
 from livehand.backend.hand.model_file import DEFAULT_HAND, builtin_hand_path, load_default_hand
 from livehand.backend.image.grade import Grade
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.render.session import Device, Session
 from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.render.hand_source import hand_source, read_grade, set_avatar
 from livehand.livehand_blender.rig.build import add_hand
@@ -32,6 +34,14 @@ def test_a_hand_without_a_file_is_the_built_in_one_with_its_avatars():
     assert source.model_path == builtin_hand_path()
     assert source.avatar_path == shipped_avatar_path("light")
     assert source.avatar_path.parent.name == RiggedHand.of(armature).model.name == DEFAULT_HAND
+
+
+def test_a_hand_of_a_model_whose_file_is_not_named_is_refused(armature):
+    """Its mesh may have as many vertices, so nothing else would tell."""
+    armature.livehand.model_sha256 = "ab" * 32
+    source, session = hand_source(armature), Session()
+    with pytest.raises(LiveHandError, match=r"must name the model's file, got none and the hash abababababab\.\.\."):
+        source.renderer(session, Device("cpu", "fp32"))
 
 
 def test_a_shipped_avatar_that_is_worn_is_kept_as_a_skin(armature):
