@@ -69,7 +69,7 @@ def test_a_small_run_writes_sheets_and_figures(right_hand, tmp_path, monkeypatch
     monkeypatch.setattr(sheets, "WHOLE_HANDS", {name: WHOLE_HANDS[name] for name in ("open, back", "open, palm")})
     monkeypatch.setattr(sheets, "CLOSE_UPS", {"nail": CLOSE_UPS["nail"]})
     monkeypatch.setattr(sheets, "_WHOLE_PX", 240)
-    monkeypatch.setitem(sheets._PLACES, "elbow", (True, 3.0, (0,), (-900.0, 0.0, 0.0)))
+    monkeypatch.setitem(sheets._POINTS_OF_COLOUR, "elbow", (True, 3.0, (0,), (-900.0, 0.0, 0.0)))
     assert main(["lookdev", "-o", str(tmp_path), "--size", "32", "--samples", "2"]) == 0
     out = capsys.readouterr().out
     assert "albedo, Lab: back" in out
