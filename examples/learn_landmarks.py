@@ -15,8 +15,6 @@ import numpy as np
 import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
-from livehand.backend.evaluation.pose_errors import PoseErrors, pose_errors
-from livehand.backend.evaluation.takes import made_take, pictures, single_fingers_deg
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
 from livehand.backend.hand.joint_limits import FREE
@@ -34,6 +32,8 @@ from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.renderer import Renderer
+from livehand.backend.research.pose_errors import PoseErrors, pose_errors
+from livehand.backend.research.takes import made_take, pictures, single_fingers_deg
 from livehand.backend.tracking.crop import region_of_landmarks
 from livehand.backend.tracking.tracker import HandTracker
 from livehand.backend.tracking.weights import load_networks

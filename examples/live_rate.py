@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
-from livehand.backend.evaluation.takes import made_take, pictures
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.online_fit import OnlineFit
@@ -25,6 +24,7 @@ from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Light, Sky
 from livehand.backend.records.shot import Shot
 from livehand.backend.render.renderer import Renderer
+from livehand.backend.research.takes import made_take, pictures
 from livehand.backend.tracking.live import CameraSource, LiveTracker
 from livehand.backend.tracking.video_writer import write_video
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from livehand.backend.capture.capture import load_capture
 from livehand.backend.hand.model_file import load_default_hand, load_hand_model
-from livehand.backend.training.pose_noise import pose_error, with_noise
+from livehand.backend.research.comparison.misfit import pose_error, with_noise
 from livehand.backend.training.refined_capture import save_by_reference
 
 

@@ -24,7 +24,6 @@ from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.capture.capture import Capture, CaptureView, load_capture, save_capture_index
 from livehand.backend.capture.masks.mask import MaskConfig
 from livehand.backend.capture.masks.mask_capture import mask_capture
-from livehand.backend.evaluation.pose_errors import pose_errors
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
 from livehand.backend.hand.lbs import posed_vertices
@@ -37,6 +36,7 @@ from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.render.studio_light import studio_light
+from livehand.backend.research.pose_errors import pose_errors
 from livehand.backend.tracking.video_writer import write_video
 from livehand.backend.training.refined_capture import save_by_reference
 from PIL import Image

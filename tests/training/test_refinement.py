@@ -17,10 +17,10 @@ from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.renderer import Renderer
+from livehand.backend.research.comparison.misfit import pose_error, with_noise
+from livehand.backend.research.pose_fit import PoseFitConfig, fit_poses
 from livehand.backend.training.config import LossConfig
 from livehand.backend.training.losses import crop_loss
-from livehand.backend.training.pose_fit import PoseFitConfig, fit_poses
-from livehand.backend.training.pose_noise import pose_error, with_noise
 from livehand.backend.training.refined_capture import save_refined_capture
 from livehand.backend.training.refinement import Refinement, RefinementConfig
 from livehand.backend.training.setup import load_what_fits

@@ -12,12 +12,12 @@ import torch
 
 from ...capture.capture import Capture, CaptureView, Split
 from ...evaluation.distances import Distance, lpips_distances
-from ...evaluation.distributions import Distributions, FeatureNetwork, HandVggFeatures, WholeInceptionFeatures
 from ...evaluation.evaluate import ViewScore, check_any, scored_views, spaced_views
-from ...evaluation.perceptual.inception import load_inception
 from ...evaluation.perceptual.vgg import PerceptualLoss
 from ...evaluation.report import Summary, by_split
 from ...evaluation.shot_renderer import ShotRenderer
+from .distributions import Distributions, FeatureNetwork, HandVggFeatures, WholeInceptionFeatures
+from .inception import load_inception
 
 GRID_VIEWS = 6
 

@@ -19,8 +19,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from .perceptual.inception import InceptionFeatures
-from .perceptual.vgg import PerceptualLoss
+from ...evaluation.perceptual.vgg import PerceptualLoss
+from .inception import InceptionFeatures
 
 MIN_IMAGES = 2
 """Below this number of images there is no distance."""

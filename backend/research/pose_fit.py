@@ -13,11 +13,11 @@ from tqdm import tqdm
 from ..avatars.avatar import Avatar
 from ..capture.capture import Capture, Split
 from ..hand.model import HandModel
-from .config import LossConfig
-from .losses import crop_loss
-from .refinement import Refinement, RefinementConfig
-from .step import render_view
-from .views import TrainingViews
+from ..training.config import LossConfig
+from ..training.losses import crop_loss
+from ..training.refinement import Refinement, RefinementConfig
+from ..training.step import render_view
+from ..training.views import TrainingViews
 
 
 @dataclass(frozen=True)

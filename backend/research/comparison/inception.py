@@ -15,8 +15,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, interpolate, max_pool2d
 
+from ...evaluation.perceptual.weights import read_weights
 from ...records.errors import LiveHandError
-from .weights import read_weights
 
 FEATURES = 2048
 _FILE = "pt_inception-2015-12-05-6726825d.pth, a release file of mseitzer/pytorch-fid"

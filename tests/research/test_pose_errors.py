@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from livehand.backend.evaluation.pose_errors import pose_errors
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.skeleton import landmarks_of
 from livehand.backend.records.shot import HandPose
+from livehand.backend.research.pose_errors import pose_errors
 
 HAND = load_default_hand()
 FLAT = HandPose(np.zeros((16, 3)), np.zeros(10), np.array([0.1, 0, 0]), "right")

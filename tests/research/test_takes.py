@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from livehand.backend.evaluation.takes import made_take, single_fingers_deg, true_landmarks
 from livehand.backend.hand.joint_limits import FREE, LIMITS
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.motion import mirrored
+from livehand.backend.research.takes import made_take, single_fingers_deg, true_landmarks
 
 HAND = load_default_hand()
 

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.evaluation.distributions import (
+from livehand.backend.evaluation.perceptual.vgg import _LAYERS, PerceptualLoss
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.research.comparison.distributions import (
     Distributions,
     HandVggFeatures,
     Moments,
@@ -12,9 +14,7 @@ from livehand.backend.evaluation.distributions import (
     gaussian_frechet,
     kernel_distance,
 )
-from livehand.backend.evaluation.perceptual.inception import InceptionFeatures, load_inception
-from livehand.backend.evaluation.perceptual.vgg import _LAYERS, PerceptualLoss
-from livehand.backend.records.errors import LiveHandError
+from livehand.backend.research.comparison.inception import InceptionFeatures, load_inception
 from safetensors.torch import save_file
 
 
