@@ -44,6 +44,6 @@ def run(argv: Sequence[str]) -> int:
     return run_commands(
         "livehand",
         "Photoreal frames of hands posed in Blender.",
-        {command.name: command for command in (_RENDER, FETCH_TRACKER)},
+        _COMMANDS,
         argv,
     )

@@ -229,7 +229,6 @@ _MOST_POINTS = 4096
 _FINENESS = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
 _MOST_NEAR = 64  # vertices of the hand whose nearest stands for it
 _NEAREST_M = 0.001  # that count
-_LEAST = 1e-12
 
 
 class PatchPoints(NamedTuple):
@@ -340,4 +339,4 @@ def _gathered(pieces: Pieces, near: np.ndarray, most: int) -> tuple[Pieces, np.n
 def _flat(pieces: Pieces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return positions, normals and areas."""
     area_m2 = np.linalg.norm(pieces.area, axis=-1)
-    return pieces.position, pieces.area / np.maximum(area_m2, _LEAST)[:, None], area_m2
+    return pieces.position, pieces.area / np.maximum(area_m2, _TINY)[:, None], area_m2
