@@ -86,7 +86,7 @@ def _smoothed(
     """
     trusted = sparse.diags(np.minimum(weight, 1.0))
     laplacian = texels.laplacian
-    system = trusted + smoothness * (laplacian + max(decay, 1e-6) * sparse.eye(laplacian.shape[0]))
+    system = trusted + smoothness * (laplacian + max(decay, 1e-6) * sparse.eye(len(values)))
     goal = trusted @ values
     return np.stack(
         [linalg.cg(system.tocsr(), goal[:, channel], rtol=1e-4, maxiter=400)[0] for channel in range(values.shape[1])],
