@@ -148,7 +148,9 @@ class TrainingReport:
         share = self._schedule.done(step, total_s) / self._schedule.total
         step_s = self._clock.session_s / (step - self._first_step)
         left_minutes = self._schedule.remaining_s(step, total_s, step_s) / 60
-        self._print(f"step {step}, {share:.0%}, loss {result.terms['total']:.4f}, about {left_minutes:.1f} minutes left")
+        self._print(
+            f"step {step}, {share:.0%}, loss {result.terms['total']:.4f}, about {left_minutes:.1f} minutes left"
+        )
 
     def _print(self, line: str) -> None:
         if self._output:
