@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from ...geometry.rasterise import rasterise
+from ...geometry.rasterise import nearest_fronts, rasterise
 from ...hand.lbs import posed_vertices
 from ...hand.model import HandModel
 from ...records.camera import Camera
@@ -37,7 +37,8 @@ def _seen_faces(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> np.n
     small = camera.scaled(min(1.0, _LONGEST_PX / max(camera.size_px)))
     positions_px, depth = (torch.as_tensor(values) for values in small.project(vertices))
     found = np.zeros(len(faces), bool)
-    found[np.unique(rasterise(positions_px, depth, torch.as_tensor(faces), small.size_px).face.numpy())] = True
+    fronts = nearest_fronts(rasterise(positions_px, depth, torch.as_tensor(faces), small.size_px), small.size_px)
+    found[np.unique(fronts.face[fronts.face >= 0].numpy())] = True
     normals, to_camera = _normals(vertices, faces), camera.origin - vertices[faces].mean(1)
     cosine = (normals * to_camera).sum(1) / np.maximum(
         np.linalg.norm(normals, axis=1) * np.linalg.norm(to_camera, axis=1), 1e-12

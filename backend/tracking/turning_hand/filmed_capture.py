@@ -99,7 +99,7 @@ def write_filmed_capture(
     right = model.for_side("right")
     camera = film_camera(take)
     seen = seen_hand(take, side, fit, right)
-    blurs, change = _looked_at(play, seen, camera.size_px)
+    blurs, change = looked_at(play, seen, camera.size_px)
     if change is not None and change > MOST_CHANGE:
         raise LiveHandError(
             f"the camera must rest while the hand turns, got a ground that changes by {change:.0f} of 255 "
@@ -133,7 +133,7 @@ def _window_of(vertices: np.ndarray, right: HandModel, camera: Camera) -> Window
     return with_points(window_around(px[right.framed_vertices], camera.size_px), px[depth_m > NEAR_M])
 
 
-def _looked_at(play: Frames, seen: SeenHand, size_px: tuple[int, int]) -> tuple[np.ndarray, float | None]:
+def looked_at(play: Frames, seen: SeenHand, size_px: tuple[int, int]) -> tuple[np.ndarray, float | None]:
     """Measure how blurred each frame's hand is [N], and how much the ground changes."""
     blurs = np.ones(len(seen.frames))
     step = max(1, len(seen.frames) // _SAMPLES)
