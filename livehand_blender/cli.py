@@ -27,6 +27,7 @@ from ..backend.commands.warm_up import COMMAND as WARM_UP
 from ..backend.evaluation.command import COMMAND as EVALUATE
 from ..backend.evaluation.sheet_command import COMMAND as SHEET
 from ..backend.motion.document import SUFFIXES as POSE_FILES
+from ..backend.person.command import COMMAND as PERSON
 from ..backend.records.errors import LiveHandError
 from ..backend.render.thumbnail_command import COMMAND as THUMBNAIL
 from ..backend.rigs.rig_suffixes import RIG_SUFFIXES
@@ -142,6 +143,7 @@ COMMANDS: dict[str, Command] = {
             _silent_in_blender(capture.run),
         ),
         TRAIN,
+        PERSON,
         EVALUATE,
         WARM_UP,
         SHEET,

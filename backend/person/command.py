@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..hand.model_file import DEFAULT_HAND, load_hand_model
 from ..records.errors import LiveHandError
-from ..records.side import SIDES
+from ..records.side import SIDES, Side
 from ..system.command import Command
 
 if TYPE_CHECKING:
@@ -60,23 +60,39 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         "seen": round(seen, 3),
         "melanin": round(numbers.melanin, 3),
         "blood": round(numbers.blood, 3),
-        "summary": f"{args.output}: of {len(hand.pictures)} pictures, {seen:.0%} of the skin seen; "
-        f"melanin {numbers.melanin:.2f}, blood {numbers.blood:.2f}",
+        "notes": list(hand.notes),
+        "summary": "\n".join(
+            [
+                f"{args.output}: of {len(hand.pictures)} pictures, {seen:.0%} of the skin seen; "
+                f"melanin {numbers.melanin:.2f}, blood {numbers.blood:.2f}",
+                *(f"  {note}" for note in hand.notes),
+            ]
+        ),
     }
 
 
 def pictured_hand(
-    source: Path, model: HandModel, side: str | None, weights: Path | None, log: Callable[[str], None]
+    source: Path, model: HandModel, side: Side | None, weights: Path | None, log: Callable[[str], None]
 ) -> PicturedHand:
     """Read pictures of a hand from whatever the source is.
 
     Raises:
         LiveHandError: there is nothing, no hand, or no hand that is good enough.
     """
-    from .captured import pictures_of_capture
-
     if (source / "transforms.json").is_file():
+        from .captured import pictures_of_capture
+
         return pictures_of_capture(source, model, _MOST_PICTURES)
+    from ..tracking.weights import load_networks
+
+    if source.is_file() and source.suffix.lower() in FILM_SUFFIXES:
+        from .film import pictures_of_film
+
+        return pictures_of_film(source, model, log, side, _MOST_PICTURES, load_networks(weights))
+    if source.is_dir():
+        from .photographs import pictures_of_photographs
+
+        return pictures_of_photographs(source, model, log, side, load_networks(weights))
     raise LiveHandError(
         f"{source} must be a film ({', '.join(FILM_SUFFIXES)}), a folder of photographs (.jpg, .png) or a capture "
         "(with transforms.json); check the path"
