@@ -14,6 +14,7 @@ from ..system.command import Command
 
 if TYPE_CHECKING:
     from ..hand.model import HandModel
+    from .held_out import HeldOutFigures
     from .picture import PicturedHand
 
 FILM_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".mts", ".ts")
@@ -37,7 +38,17 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
+    return making(args, _say)
+
+
+def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, Any]:
+    """Make the avatar of the command's arguments; returns what the command reports.
+
+    Raises:
+        LiveHandError: the pictures, or the output, cannot be used.
+    """
     from ..avatars.file import save_avatar
+    from .held_out import held_out_figures
     from .making import MakingOptions, person_of_pictures
     from .person_avatar import person_avatar
     from .sheet import write_sheet
@@ -46,9 +57,11 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     if args.output.suffix.lower() != ".safetensors":
         raise LiveHandError(f"an avatar must be written to a .safetensors file, got {args.output.name}")
     model = load_hand_model(DEFAULT_HAND)
-    hand = pictured_hand(args.pictures, model, args.side, args.weights, _say)
-    made, hand = person_of_pictures(shipped_bases(model), hand, MakingOptions(), _say)
+    hand = pictured_hand(args.pictures, model, args.side, args.weights, log)
+    made, hand = person_of_pictures(shipped_bases(model), hand, MakingOptions(), log)
     beta = hand.pictures[0].pose.beta
+    figures = held_out_figures(made.model, hand.pictures, made.lights)
+    measured = {} if figures is None else {key: round(value, 3) for key, value in figures._asdict().items()}
     provenance = {"source": hand.source, "side": hand.side, "pictures": len(hand.pictures), "consent": args.consent}
     save_avatar(person_avatar(made, model, beta, args.name or args.output.stem, provenance), args.output)
     numbers, seen = made.completed.numbers, float((made.completed.confidence > 0.5).mean())
@@ -60,11 +73,13 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         "seen": round(seen, 3),
         "melanin": round(numbers.melanin, 3),
         "blood": round(numbers.blood, 3),
+        "held_out": measured,
         "notes": list(hand.notes),
         "summary": "\n".join(
             [
                 f"{args.output}: of {len(hand.pictures)} pictures, {seen:.0%} of the skin seen; "
                 f"melanin {numbers.melanin:.2f}, blood {numbers.blood:.2f}",
+                *([] if figures is None else [_figures_line(figures)]),
                 *(f"  {note}" for note in hand.notes),
             ]
         ),
@@ -96,6 +111,13 @@ def pictured_hand(
     raise LiveHandError(
         f"{source} must be a film ({', '.join(FILM_SUFFIXES)}), a folder of photographs (.jpg, .png) or a capture "
         "(with transforms.json); check the path"
+    )
+
+
+def _figures_line(figures: HeldOutFigures) -> str:
+    return (
+        f"  {figures.pictures} pictures that were held out: {figures.psnr_db:.1f} dB on the hand, "
+        f"{figures.aligned_psnr_db:.1f} dB aligned, outlines overlap by {figures.overlap:.3f}"
     )
 
 

@@ -13,6 +13,7 @@ from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError
 from ..records.side import Side
+from ..system.thread_limits import thread_limit
 from ..tracking.resting_camera import MOST_CHANGE
 from ..tracking.sighted_take import filmed_take, frames_of_film
 from ..tracking.turning_hand.coverage import covered_share
@@ -73,7 +74,9 @@ def pictures_of_film(
     take = filmed_take(track_frames(frames_of_film(video), HandTracker(networks)), video.fps, None, path)
     chosen_side = hand_to_capture(take, side)
     progress(f"fitting the {chosen_side} hand")
-    seen = seen_hand(take, chosen_side, fit_with_shape(take, chosen_side, model), right)
+    with thread_limit(1):  # operations are small: threads would only wait for each other
+        fit = fit_with_shape(take, chosen_side, model)
+    seen = seen_hand(take, chosen_side, fit, right)
     progress("choosing pictures")
     camera = film_camera(take)
     blurs, change = looked_at(video.frames, seen, camera.size_px)

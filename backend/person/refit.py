@@ -19,6 +19,7 @@ from ..capture.picture import linear_to_srgb
 from ..hand.lbs import SkinTensors, pose_hand, posed_vertices
 from ..records.camera import Camera
 from ..records.shot import HandPose
+from ..system.thread_limits import thread_limit
 from .flow import bilinear, flow_between, nearest
 from .light import PictureLight
 from .model import PersonModel, SeenSurface
@@ -81,7 +82,8 @@ def refitted(
     for picture in pictures:
         targets.append(pose_targets(model, picture, lights[picture.scene]))
         on_picture()
-    poses = _fitted(model, pictures, targets, fits_shape)
+    with thread_limit(1):  # operations are small: threads would only wait for each other
+        poses = _fitted(model, pictures, targets, fits_shape)
     moved = tuple(replace(picture, pose=pose) for picture, pose in zip(pictures, poses, strict=True))
     flow_px, overlap = (float(np.mean([getattr(each, name) for each in targets])) for name in ("flow_px", "overlap"))
     return Refit(moved, flow_px, overlap)
