@@ -40,7 +40,7 @@ def test_a_rate_that_varies_keeps_its_true_times(film, shown):
     np.testing.assert_allclose([frame.time_s for frame in frames], times, atol=1e-3)
 
 
-@pytest.mark.parametrize(("most_fps", "kept"), [(60, [0, 1, 2, 3, 4, 5]), (15, [0, 2, 4]), (10, [0, 3])])
+@pytest.mark.parametrize(("most_fps", "kept"), [(60.0, [0, 1, 2, 3, 4, 5]), (15.0, [0, 2, 4]), (10.0, [0, 3])])
 def test_a_thinned_film_has_frames_at_equal_times(film, shown, most_fps, kept):
     video = open_video(film(moving(shown)))
     frames, thinned = list(video.frames()), list(video.thinned(most_fps))
