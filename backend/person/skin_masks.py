@@ -30,10 +30,10 @@ _BINS, _LEVELS = 32, 256  # of a colour's histogram along each axis of Lab
 _SMOOTH_BINS = 1.0
 _LEAST_SHARE = 1e-5  # of a colour that was never seen
 _GROUND_ODDS, _SKIN_ODDS = 4.0, 0.25  # of the ground against skin
-_FOREIGN = 5.0  # deviations from the skin's chroma
+_FOREIGN = 8.0  # deviations from the skin's chroma
 _LEAST_FOREIGN_PX, _GROWN_PX = 5, 3  # of a spot that is no skin, in a window of 900 px
 _WINDOW_PX = 900
-_CLIPPED = 250  # of 255; colours above it say nothing of skin
+_DARK, _CLIPPED = 40, 250  # of 255; darker and brighter colours say nothing of skin
 _RING_PX = 24
 _COUNTED = 20000  # pixels of one picture that the skin's colours are from
 _DEVIATIONS_OF_MEDIAN = 1.4826  # a normal's standard deviation over its median absolute one
@@ -191,7 +191,7 @@ def _foreign(seen: _Seen, skin: SkinColours, odds: np.ndarray) -> np.ndarray:
     cv2 = load_opencv()
     share = max(seen.rgb.shape[:2]) / _WINDOW_PX
     smooth = cv2.GaussianBlur(seen.rgb, (0, 0), max(0.5, 2 * share))
-    is_told = (seen.rgb.max(-1) < _CLIPPED) & (seen.rgb.max(-1) > 20)
+    is_told = (seen.rgb.max(-1) < _CLIPPED) & (seen.rgb.max(-1) > _DARK)
     is_foreign = (skin.deviations(_chroma(smooth)) > _FOREIGN) & is_told & seen.regions.silhouette
     is_foreign &= odds <= _GROUND_ODDS
     least, grown = (max(1, round(px * share)) for px in (_LEAST_FOREIGN_PX, _GROWN_PX))
