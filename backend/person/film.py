@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,9 @@ import numpy as np
 from ..capture.masks.mask import load_opencv
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
+from ..motion.landmarks.take_file import FilmedTake
+from ..motion.landmarks.take_fit import FilmedHand
+from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.side import Side
 from ..system.thread_limits import thread_limit
@@ -22,6 +26,7 @@ from ..tracking.turning_hand.frame_choice import chosen_frames
 from ..tracking.turning_hand.seen_hand import film_camera, frames_of, seen_hand
 from ..tracking.turning_hand.take_shape import fit_with_shape
 from ..tracking.turning_hand.window import camera_of, image_of, window_around
+from .other_hands import in_window
 from .picture import HandPicture, PicturedHand
 from .skin_masks import labelled
 
@@ -37,6 +42,7 @@ LONGEST_PX = 900
 HELD_OUT_EVERY = 6
 LITTLE_SKIN = 0.6
 """Share of the skin below which people are told that the rest is a guess; a hand's one side is about 0.45."""
+_MOST_FPS = 15.0  # that are tracked
 _CROWD_SAMPLES, _MOST_HANDS = 5, 2
 
 
@@ -71,7 +77,9 @@ def pictures_of_film(
     networks = networks or load_networks()
     video, right = open_video(path), model.for_side("right")
     progress("tracking the film")
-    take = filmed_take(track_frames(frames_of_film(video), HandTracker(networks)), video.fps, None, path)
+    play = partial(video.thinned, _MOST_FPS)
+    found = track_frames(frames_of_film(video, _MOST_FPS), HandTracker(networks))
+    take = filmed_take(found, min(video.fps, _MOST_FPS), None, path)
     chosen_side = hand_to_capture(take, side)
     progress(f"fitting the {chosen_side} hand")
     with thread_limit(1):  # operations are small: threads would only wait for each other
@@ -79,7 +87,7 @@ def pictures_of_film(
     seen = seen_hand(take, chosen_side, fit, right)
     progress("choosing pictures")
     camera = film_camera(take)
-    blurs, change = looked_at(video.frames, seen, camera.size_px)
+    blurs, change = looked_at(play, seen, camera.size_px)
     chosen = seen.of(chosen_frames(seen.motion, seen.doubt, blurs, least=1, most=most))
     poses = [chosen.motion.pose(index) for index in range(len(chosen.frames))]
     windows = [
@@ -90,17 +98,23 @@ def pictures_of_film(
     crowd: list[Sequence[TrackedHand]] = []
     still = StillTracker(networks)
     step = max(1, len(poses) // _CROWD_SAMPLES)
-    for index, picture in frames_of(video.frames, chosen.frames):
+    for index, picture in frames_of(play, chosen.frames):
         shown = picture[:, ::-1] if chosen_side == "left" else picture
         images[index] = np.ascontiguousarray(image_of(shown, windows[index]))
         crowd += [still.hands(picture)] if index % step == 0 else []
     check_one_person(path, crowd)
     cameras = [camera_of(camera, window) for window in windows]
     progress(f"masking {len(poses)} pictures")
-    labels = labelled(images, poses, cameras, right)
+    others_px = _others_px(take, chosen_side, chosen.frames, camera, cameras)
+    labels = labelled(images, poses, cameras, right, others_px)
     pictures = tuple(
         HandPicture(
-            f"{path.name}, frame {frame}", image, label, its_camera, pose, is_held_out=is_held_out(index, len(poses))
+            f"{path.name}, {take.times[frame]:.2f} s",
+            image,
+            label,
+            its_camera,
+            pose,
+            is_held_out=is_held_out(index, len(poses)),
         )
         for index, (frame, image, label, its_camera, pose) in enumerate(
             zip(chosen.frames.tolist(), images, labels, cameras, poses, strict=True)
@@ -108,6 +122,22 @@ def pictures_of_film(
     )
     notes = [note for note in (_moves(change), unseen_note(covered_share(poses, cameras, right))) if note]
     return PicturedHand(pictures, chosen_side, path.name, notes=tuple(notes))
+
+
+def _others_px(
+    take: FilmedTake, side: Side, frames: np.ndarray, camera: Camera, cameras: Sequence[Camera]
+) -> list[list[np.ndarray]]:
+    """Find the landmarks [21, 2] of the other hand in each frame's picture; pictures of left hands are mirrored."""
+    turn, shift = (1, 0) if side == "right" else (-1, take.camera.size_px[0])
+    others = [hand for its_side, hand in take.hands.items() if its_side != side]
+    return [
+        [in_window(hand.px[at] * [turn, 1] + [shift, 0], camera, part) for hand in others for at in _at(hand, frame)]
+        for frame, part in zip(frames, cameras, strict=True)
+    ]
+
+
+def _at(hand: FilmedHand, frame: int) -> np.ndarray:
+    return np.flatnonzero(hand.frames == frame)
 
 
 def is_held_out(index: int, count: int) -> bool:

@@ -25,6 +25,7 @@ from ..tracking.turning_hand.seen_hand import seen_hand
 from ..tracking.turning_hand.take_shape import fit_with_shape
 from ..tracking.turning_hand.window import camera_of, image_of, window_around
 from .film import LONGEST_PX, Progress, check_one_person, is_held_out, unseen_note
+from .other_hands import in_window
 from .picture import HandPicture, PicturedHand
 from .skin_masks import labelled
 
@@ -62,10 +63,11 @@ class Photograph:
 
 @dataclass(frozen=True)
 class _Shown:
-    """A photograph and the person's hand in it."""
+    """A photograph, the person's hand in it, and other hands."""
 
     photograph: Photograph
     hand: TrackedHand
+    others: tuple[TrackedHand, ...]
 
 
 def pictures_of_photographs(
@@ -105,7 +107,7 @@ def pictures_of_photographs(
         if hand is None:
             notes.append(f"{photograph.name} shows no {chosen_side} hand and is left out")
         else:
-            shown.append(_Shown(photograph, hand))
+            shown.append(_Shown(photograph, hand, tuple(each for each in hands if each is not hand)))
     if not shown:
         raise LiveHandError(
             f"{folder} must show a hand, got none in {len(photographs)} photographs; photograph the whole hand in light"
@@ -120,7 +122,7 @@ def pictures_of_photographs(
     ]
     shown = [shown[index] for index in seen.frames]
     poses = [seen.motion.pose(index) for index in range(len(shown))]
-    images, cameras = [], []
+    images, cameras, others_px = [], [], []
     for one, pose in zip(shown, poses, strict=True):
         camera = _camera(one.photograph)
         px, _ = camera.project(posed_vertices(right, pose)[right.framed_vertices])
@@ -128,8 +130,9 @@ def pictures_of_photographs(
         rgb = one.photograph.rgb[:, ::-1] if chosen_side == "left" else one.photograph.rgb
         images.append(np.ascontiguousarray(image_of(rgb, window)))
         cameras.append(camera_of(camera, window))
+        others_px.append([in_window(_shown_px(each, one, chosen_side), camera, cameras[-1]) for each in one.others])
     progress(f"masking {len(poses)} pictures")
-    labels = labelled(images, poses, cameras, right)
+    labels = labelled(images, poses, cameras, right, others_px)
     pictures = tuple(
         HandPicture(one.photograph.name, image, label, camera, pose, index, index, is_held_out(index, len(poses)))
         for index, (one, image, label, camera, pose) in enumerate(
@@ -237,6 +240,12 @@ def _as_take(shown: Sequence[_Shown], side: Side) -> FilmedTake:
     world = np.stack([one.hand.world for one in shown])
     hand = FilmedHand(np.arange(len(shown)), px + np.array(_SHARED_SIZE_PX) / 2, world)
     return FilmedTake(FilmCamera(_SHARED_SIZE_PX, _SHARED_FOCAL_PX), np.arange(len(shown)) * 1.0, 1.0, {side: hand})
+
+
+def _shown_px(hand: TrackedHand, shown: _Shown, side: Side) -> np.ndarray:
+    """Return a hand's landmarks [21, 2] in the photograph as it becomes a picture: a left hand's is mirrored."""
+    width = shown.photograph.rgb.shape[1]
+    return hand.px if side == "right" else np.array([width, 0]) + hand.px * [-1, 1]
 
 
 def _camera(photograph: Photograph) -> Camera:

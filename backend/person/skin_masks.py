@@ -19,6 +19,7 @@ from ..hand.model import HandModel
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.shot import HandPose
+from .other_hands import with_others_unknown
 from .picture import BACKGROUND, HAND, UNKNOWN
 
 MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0)
@@ -29,12 +30,14 @@ _BINS, _LEVELS = 32, 256  # of a colour's histogram along each axis of Lab
 _SMOOTH_BINS = 1.0
 _LEAST_SHARE = 1e-5  # of a colour that was never seen
 _GROUND_ODDS, _SKIN_ODDS = 4.0, 0.25  # of the ground against skin
-_FOREIGN = 5.0  # deviations from the skin's chroma
+_FOREIGN = 8.0  # deviations from the skin's chroma
 _LEAST_FOREIGN_PX, _GROWN_PX = 5, 3  # of a spot that is no skin, in a window of 900 px
 _WINDOW_PX = 900
-_CLIPPED = 250  # of 255; colours above it say nothing of skin
+_DARK, _CLIPPED = 40, 250  # of 255; darker and brighter colours say nothing of skin
 _RING_PX = 24
 _COUNTED = 20000  # pixels of one picture that the skin's colours are from
+_DEVIATIONS_OF_MEDIAN = 1.4826  # a normal's standard deviation over its median absolute one
+_LEAST_VARIANCE, _KEPT_DEVIATIONS, _ROUNDS = 1e-4, 3.0, 3
 _LEAST_RED, _MOST_BLUE = -0.1, 0.25  # logarithms of red and blue over green that skin may have in a usual light
 
 
@@ -52,7 +55,7 @@ class SkinColours(NamedTuple):
     def deviations(self, chroma: np.ndarray) -> np.ndarray:
         """Measure how many deviations chroma [..., 2] is from the mean."""
         off = chroma - self.mean
-        return np.sqrt(np.einsum("...i,ij,...j->...", off, self.precision, off))
+        return np.sqrt(((off @ self.precision) * off).sum(-1, keepdims=True))[..., 0]
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,11 @@ class _Seen:
 
 
 def labelled(
-    pictures: Sequence[np.ndarray], poses: Sequence[HandPose], cameras: Sequence[Camera], model: HandModel
+    pictures: Sequence[np.ndarray],
+    poses: Sequence[HandPose],
+    cameras: Sequence[Camera],
+    model: HandModel,
+    others_px: Sequence[Sequence[np.ndarray]] | None = None,
 ) -> list[np.ndarray]:
     """Label the pixels of one person's pictures.
 
@@ -75,6 +82,7 @@ def labelled(
         poses: one a picture.
         cameras: one a picture, in the poses' world.
         model: the right hand's.
+        others_px: [21, 2] landmarks of the other hands in each picture; None: there are none.
 
     Returns:
         uint8 [H, W] a picture: `HAND`, `BACKGROUND` or `UNKNOWN`.
@@ -85,8 +93,13 @@ def labelled(
     seen = [_seen(*each, model) for each in zip(pictures, poses, cameras, strict=True)]
     skin = skin_colours([one.rgb[one.mask & one.regions.core] for one in seen])
     check_is_skin(skin)
-    histogram = sum(_histogram(_lab(one.rgb)[one.mask & one.regions.core]) for one in seen)
-    return [_labels(one, skin, histogram) for one in seen]
+    histogram = np.sum([_histogram(_lab(one.rgb)[one.mask & one.regions.core]) for one in seen], 0)
+    labels = [_labels(one, skin, histogram) for one in seen]
+    others_px = others_px or [()] * len(labels)
+    return [
+        with_others_unknown(each, one.regions.silhouette, others)
+        for each, one, others in zip(labels, seen, others_px, strict=True)
+    ]
 
 
 def skin_colours(samples: Sequence[np.ndarray]) -> SkinColours:
@@ -97,11 +110,13 @@ def skin_colours(samples: Sequence[np.ndarray]) -> SkinColours:
     if not len(colours):
         raise LiveHandError("the pictures must show skin that is not clipped, got white only; expose them less")
     chroma = _chroma(colours)
-    for _ in range(3):  # jewellery and ground in the mask are no skin
-        mean = np.median(chroma, 0)
-        skin = SkinColours(mean, np.linalg.inv(np.cov(chroma.T) + 1e-4 * np.eye(2)))
-        kept = chroma[skin.deviations(chroma) < 3]
-        chroma = kept if len(kept) > len(chroma) / 2 else chroma
+    mean = np.median(chroma, 0)
+    spread = _DEVIATIONS_OF_MEDIAN * np.median(np.abs(chroma - mean), 0)
+    skin = SkinColours(mean, np.diag(1 / (spread**2 + _LEAST_VARIANCE)))
+    for _ in range(_ROUNDS):  # what is worn, and ground in the mask, is no skin
+        kept = chroma[skin.deviations(chroma) < _KEPT_DEVIATIONS]
+        covariance = np.cov(kept.T) + _LEAST_VARIANCE * np.eye(2)
+        skin = SkinColours(np.median(kept, 0), np.linalg.inv(covariance))
     return skin
 
 
@@ -176,7 +191,7 @@ def _foreign(seen: _Seen, skin: SkinColours, odds: np.ndarray) -> np.ndarray:
     cv2 = load_opencv()
     share = max(seen.rgb.shape[:2]) / _WINDOW_PX
     smooth = cv2.GaussianBlur(seen.rgb, (0, 0), max(0.5, 2 * share))
-    is_told = (seen.rgb.max(-1) < _CLIPPED) & (seen.rgb.max(-1) > 20)
+    is_told = (seen.rgb.max(-1) < _CLIPPED) & (seen.rgb.max(-1) > _DARK)
     is_foreign = (skin.deviations(_chroma(smooth)) > _FOREIGN) & is_told & seen.regions.silhouette
     is_foreign &= odds <= _GROUND_ODDS
     least, grown = (max(1, round(px * share)) for px in (_LEAST_FOREIGN_PX, _GROWN_PX))

@@ -104,5 +104,5 @@ def _region(palm: np.ndarray, view: HandRegion) -> HandRegion:
     """Return the region of the hand of a palm [9, 2], shares of a view: two corners, then seven points."""
     px = view.to_px(palm)
     angle = upward_angle(px[2 + _WRIST], px[2 + _MIDDLE_KNUCKLE])
-    extent_px = (palm[1] - palm[0]) * view.side_px
+    extent_px = np.abs(px[1] - px[0])  # views are turned by quarters, and palms' boxes are squares
     return region_of_extent((px[0] + px[1]) / 2, extent_px, angle, _PALM_SCALE, _PALM_SHIFT)

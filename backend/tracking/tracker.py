@@ -76,10 +76,6 @@ class HandTracker:
         world[:, :2] = world[:, :2] @ region.rotation.T
         return TrackedHand(track, px, world, float(presence[0]), float(right[0]))
 
-    def forget(self) -> None:
-        """Follow no hand any more: the next picture is of something else."""
-        self._followed = []
-
     def _found_in_another_view(self, picture: np.ndarray) -> list[TrackedHand]:
         """Look into one of the other views in every frame without hands, at twice the cost; one that helps stays."""
         views = other_views(picture)

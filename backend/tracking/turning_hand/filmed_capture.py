@@ -32,6 +32,7 @@ from ...records.camera import Camera
 from ...records.errors import LiveHandError
 from ...records.side import Side
 from ..resting_camera import MOST_CHANGE, ground_change
+from .coverage import covered_share
 from .frame_choice import blur_of, chosen_frames, held_out
 from .seen_hand import Frames, SeenHand, film_camera, frames_of, seen_hand
 from .window import Window, camera_of, image_of, window_around, with_points
@@ -51,12 +52,14 @@ class FilmedCapture:
         overlap: mean intersection over union of the masks and the posed mesh.
         frames: [N] of the film, one an image.
         doubt: [N] of the fit in them.
+        covered: share of the hand's skin that they show.
     """
 
     capture: Capture
     overlap: float
     frames: np.ndarray
     doubt: np.ndarray
+    covered: float
 
 
 def check_capture_can_be_made(folder: Path) -> None:
@@ -105,7 +108,7 @@ def write_filmed_capture(
             f"the camera must rest while the hand turns, got a ground that changes by {change:.0f} of 255 "
             f"(at most {MOST_CHANGE:.0f}); put the phone on a stand, lock its exposure, and film again"
         )
-    chosen = seen.of(chosen_frames(seen.motion, seen.doubt, blurs))
+    chosen = _chosen(seen, blurs, right, camera)
     poses = tuple(chosen.motion.pose(index) for index in range(len(chosen.frames)))
     windows = [_window_of(posed_vertices(right, pose), right, camera) for pose in poses]
     views = _views([camera_of(camera, window) for window in windows])
@@ -120,7 +123,18 @@ def write_filmed_capture(
         masked = mask_capture(partial, right, MASKS)
     views = tuple(each.view for each in masked)
     overlap = float(np.mean([each.overlap for each in masked]))
-    return FilmedCapture(replace(capture, folder=folder, views=views), overlap, chosen.frames, chosen.doubt)
+    covered = covered_share(poses, [camera] * len(poses), right)
+    return FilmedCapture(replace(capture, folder=folder, views=views), overlap, chosen.frames, chosen.doubt, covered)
+
+
+def _chosen(seen: SeenHand, blurs: np.ndarray, right: HandModel, camera: Camera) -> SeenHand:
+    """Choose the frames of the capture; where they are too few, the error says how much skin all of them show."""
+    try:
+        return seen.of(chosen_frames(seen.motion, seen.doubt, blurs))
+    except LiveHandError as error:
+        some = range(0, len(seen.frames), max(1, len(seen.frames) // _SAMPLES))
+        share = covered_share([seen.motion.pose(index) for index in some], [camera] * len(some), right)
+        raise LiveHandError(f"{error}; the film shows {share:.0%} of the hand's skin") from error
 
 
 def _window_of(vertices: np.ndarray, right: HandModel, camera: Camera) -> Window:
