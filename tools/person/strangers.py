@@ -1,5 +1,7 @@
 """Three made people whom no number of the skins that ship describes: a factor on albedo, drawn on the hand at rest.
 
+A fourth, `insider`, is described by numbers alone.
+
 Points are anatomical, mm: x distal, y dorsal, z radial; the wrist's joint is near the origin.
 """
 
@@ -53,12 +55,14 @@ class Stranger:
         seed: of blotches and spots.
         spots: how many.
         strokes: tattoos and scars.
+        has_blotches: whether the skin is of uneven colour beyond what numbers say.
     """
 
     person: Person
     seed: int
     spots: int
     strokes: tuple[Stroke, ...] = ()
+    has_blotches: bool = True
 
 
 def _circle(x: float, z: float, radius_mm: float) -> np.ndarray:
@@ -106,13 +110,20 @@ STRANGERS: Mapping[str, Stranger] = {
         spots=120,
         strokes=(Stroke(_line((18, -20), (24, 10), (58, 18)), 3.5, _PALE), *_SCARS),
     ),
+    "insider": Stranger(
+        Person(0.65, 1.05, 0.2, 0.9, 0.6, (-0.3, -0.5, 0.7, -0.4, 0.6, -0.2, 0.3, 0.2, -0.5, 0.4)),
+        seed=17,
+        spots=0,
+        has_blotches=False,
+    ),
 }
 
 
 def log_factor(stranger: Stranger, points_mm: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Compute the factor's logarithm [N, 3] at points [N, 3] of the skin with unit normals [N, 3]."""
     rng = np.random.default_rng(stranger.seed)
-    total = blotches(rng, points_mm) + spots(rng, points_mm, stranger.spots)
+    total = blotches(rng, points_mm) if stranger.has_blotches else np.zeros((len(points_mm), 3))
+    total += spots(rng, points_mm, stranger.spots)
     for stroke in stranger.strokes:
         total += ink(stroke, points_mm, normals)[:, None] * np.array(stroke.log_rgb)
     return np.clip(total, *LOG_LIMITS)
