@@ -39,22 +39,27 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("stranger", choices=STRANGERS)
     parser.add_argument("folder", type=Path)
+    parser.add_argument(
+        "--every", type=int, default=1, metavar="N", help="of the script's frames, where only these are rendered"
+    )
     args = parser.parse_args(arguments)
     stranger, folder = STRANGERS[args.stranger], args.folder
-    cameras = film_cameras()
-    paths = [folder / "linear" / f"{index:03d}.exr" for index in range(len(cameras))]
-    gains = film_gains(np.array([brightness(read_rgba(path)) for path in paths]), stranger.seed)
+    cameras, fps = film_cameras()[:: args.every], FPS / args.every
+    paths = [folder / "linear" / f"{args.every * index:03d}.exr" for index in range(len(cameras))]
+    gains = film_gains(np.array([brightness(read_rgba(path)) for path in paths]), fps, stranger.seed)
     rng = np.random.default_rng(stranger.seed)
     wall = made_wall(rng)
     frames = [
         developed(read_rgba(path), behind(camera, wall), gain, rng)
         for path, camera, gain in zip(paths, cameras, gains, strict=True)
     ]
-    times = np.arange(len(frames)) / FPS
-    write_video(frames, folder / "film.mp4", times, FPS)
-    write_video(frames[:BACK_FRAMES], folder / "back.mp4", times, FPS)
-    points = skin_points(len(log_factor := np.load(folder / "factor.npz")["log_factor"]))
-    write_truth(folder, stranger, gains, log_factor, drawn_texels(stranger, points))
+    times = np.arange(len(frames)) / fps
+    write_video(frames, folder / "film.mp4", times, fps)
+    write_video(frames[: -(-BACK_FRAMES // args.every)], folder / "back.mp4", times, fps)
+    with np.load(folder / "factor.npz") as arrays:
+        log_factor = arrays["log_factor"]
+    drawn = drawn_texels(stranger, skin_points(len(log_factor)))
+    write_truth(folder, stranger, args.every, gains, log_factor, drawn)
     sys.stdout.write(f"{folder / 'film.mp4'}: {len(frames)} frames\n")
 
 
@@ -64,12 +69,12 @@ def brightness(picture: np.ndarray) -> float:
     return float(np.percentile(on_hand.max(-1), WHITE_PERCENTILE))
 
 
-def film_gains(bright: np.ndarray, seed: int) -> np.ndarray:
+def film_gains(bright: np.ndarray, fps: float, seed: int) -> np.ndarray:
     """Compute the gains [T, 3] of frames of such brightness [T]: they follow late, and drift by `WANDER`."""
-    share, followed = 1 - np.exp(-1 / (FPS * _LAG_S)), [float(bright[0])]
+    share, followed = 1 - np.exp(-1 / (fps * _LAG_S)), [float(bright[0])]
     for value in bright[1:]:
         followed.append(followed[-1] + share * (float(value) - followed[-1]))
-    t, phases = np.arange(len(bright)) / FPS, np.random.default_rng(seed).uniform(0, 2 * np.pi, 3)
+    t, phases = np.arange(len(bright)) / fps, np.random.default_rng(seed).uniform(0, 2 * np.pi, 3)
     exposure, warmth, tint = (np.sin(2 * np.pi * t / s + phase) for s, phase in zip((7, 11, 9), phases, strict=True))
     logs = np.stack([warmth, tint / 4, -warmth], 1) + exposure[:, None] / 2
     return WHITE / np.array(followed)[:, None] * np.exp(np.log1p(WANDER) * logs)
@@ -79,7 +84,7 @@ def made_wall(rng: np.random.Generator) -> np.ndarray:
     """Make a rough painted wall with a shelf, linear [N, N, 3], top row first."""
     rough = np.zeros((_WALL_PX, _WALL_PX))
     for cells in (4, 10, 25, 100):
-        rough += zoom(rng.normal(size=(cells, cells)), _WALL_PX / cells, order=1) / cells**0.5
+        rough += np.asarray(zoom(rng.normal(size=(cells, cells)), _WALL_PX / cells, order=1)) / cells**0.5
     wall = _WALL_RGB * np.exp(0.25 * rough)[..., None]
     shelf = slice(round(0.56 * _WALL_PX), round(0.60 * _WALL_PX))
     wall[shelf] = _SHELF_RGB * np.exp(0.2 * rough[shelf])[..., None]

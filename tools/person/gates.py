@@ -70,7 +70,7 @@ class Gate(NamedTuple):
         return f"{self.name:46s} {self.value:9.3f}  {asked:18s} {verdict}"
 
 
-class Comparison(NamedTuple):
+class SceneFigures(NamedTuple):
     """One kept scene, truly and as an avatar shows it.
 
     Attributes:
@@ -175,14 +175,14 @@ def poses_in_cameras(truth: Truth, frames: np.ndarray, hand: HandModel) -> list[
     return found
 
 
-def compared(avatar: Avatar, truth: Truth, hand: HandModel, beta: np.ndarray) -> list[Comparison]:
+def compared(avatar: Avatar, truth: Truth, hand: HandModel, beta: np.ndarray) -> list[SceneFigures]:
     """Render the kept scenes with a shape [10] and compare each with its true picture."""
     renderer = Renderer(avatar, hand, "cpu")
     posed = zip(truth.scenes(hand, truth.beta), truth.scenes(hand, beta), truth.pictures(), strict=True)
     return [_compared(renderer, true_shot, shot, picture) for true_shot, shot, picture in posed]
 
 
-def _compared(renderer: Renderer, true_shot: Shot, shot: Shot, picture: np.ndarray) -> Comparison:
+def _compared(renderer: Renderer, true_shot: Shot, shot: Shot, picture: np.ndarray) -> SceneFigures:
     hand, gain = renderer.hand, exposure_gain(picture)
     frame = renderer.render(shot)
     ours = exposed(np.concatenate([frame.rgb, frame.alpha[..., None]], -1), gain)
@@ -193,7 +193,7 @@ def _compared(renderer: Renderer, true_shot: Shot, shot: Shot, picture: np.ndarr
     mm_per_px = 1000 * float(np.median(maps.depth[on_hand])) / true_shot.camera.K[0, 0]
     sides = {"seen": on_hand & seen, "unseen": on_hand & ~seen}
     contrast = {name: contrast_ratios(ours, true, side, mm_per_px) for name, side in sides.items()}
-    return Comparison(picture_figures(ours, true, on_hand), contrast)
+    return SceneFigures(picture_figures(ours, true, on_hand), contrast)
 
 
 def hand_pixels(shot: Shot, hand: HandModel) -> np.ndarray:

@@ -60,25 +60,39 @@ class Truth:
         return [read_rgba(path) for path in paths]
 
 
-def write_truth(folder: Path, stranger: Stranger, gains: np.ndarray, log_factor: np.ndarray, drawn: np.ndarray) -> None:
-    """Write `truth.npz`: the arrays of `Truth`, K and cam2world of the cameras, the film's lamp, sky and rate."""
+def write_truth(
+    folder: Path,
+    stranger: Stranger,
+    every: int,
+    gains: np.ndarray,
+    log_factor: np.ndarray,
+    drawn: np.ndarray,
+) -> None:
+    """Write `truth.npz`: the arrays of `Truth`, K and cam2world of the cameras, the film's lamp, sky and rate.
+
+    The film shows every so many frames of the script.
+    """
     beta = np.array(stranger.person.beta)
-    motion, cameras, light = film_motion(load_default_hand(), beta, stranger.seed), film_cameras(), film_light()
+    motion, cameras, light = (
+        film_motion(load_default_hand(), beta, stranger.seed),
+        film_cameras()[::every],
+        film_light(),
+    )
     (lamp,), sky = light.lamps, light.sky
     np.savez_compressed(
         folder / TRUTH_FILE,
         melanin=stranger.person.melanin,
-        theta=motion.theta,
+        theta=motion.theta[::every],
         beta=beta,
-        transl=motion.transl,
-        forearm=motion.forearms,
+        transl=motion.transl[::every],
+        forearm=motion.forearms[::every],
         K=np.stack([camera.K for camera in cameras]),
         cam2world=np.stack([camera.cam2world for camera in cameras]),
         size_px=cameras[0].size_px,
         gains=gains,
         log_factor=log_factor.astype(np.float16),
         drawn=drawn,
-        fps=FPS,
+        fps=FPS / every,
         lamp_rgb=lamp.rgb,
         lamp_position=lamp.position,
         lamp_rotation=lamp.rotation,

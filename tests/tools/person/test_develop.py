@@ -7,7 +7,7 @@ from livehand.tools.person.develop import WANDER, WHITE, behind, brightness, dev
 
 
 def test_gains_of_steady_light_expose_it_and_wander_within_bounds():
-    gains = film_gains(np.full(72, 0.4), 7)
+    gains = film_gains(np.full(72, 0.4), 6.0, 7)
     assert gains.shape == (72, 3)
     logs = np.log(gains * 0.4 / WHITE)
     assert abs(logs).max() <= 1.75 * np.log1p(WANDER)
@@ -17,7 +17,7 @@ def test_gains_of_steady_light_expose_it_and_wander_within_bounds():
 
 def test_exposure_follows_late():
     bright = np.where(np.arange(40) < 20, 0.2, 0.8)
-    followed = film_gains(np.full(40, 0.2), 7) / film_gains(bright, 7)
+    followed = film_gains(np.full(40, 0.2), 6.0, 7) / film_gains(bright, 6.0, 7)
     np.testing.assert_allclose(followed[:20], 1)
     assert 1 < followed[20, 1] < 3
     assert followed[-1, 1] == pytest.approx(4, rel=0.02)
