@@ -19,6 +19,7 @@ from ..hand.topology import Skinning, topology_of
 from ..light.lighting import AmbientOcclusion, reflectance
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
+from ..surface.albedo_ratio import vertex_ratio
 
 _DISTANCE_M, _FOCAL_PX = 0.5, 1000.0
 """As if seen from here: planes finer than half a millimetre fade."""
@@ -46,7 +47,9 @@ def vertex_albedo(avatar: Avatar, hand: HandModel) -> np.ndarray:
     view = HandInView(mesh, topology, _camera())
     gathered = shade(field, rays, view, conditions, avatar.config.sampler.shell_m)
     coefficients = field.decode(gathered, rays.directions, sky_visibility).channels
-    return reflectance(coefficients).clamp(0, 1).numpy()
+    albedo = reflectance(coefficients).numpy()
+    ratio = None if avatar.surface is None else vertex_ratio(avatar.surface.arrays, hand.vt[hand.ft], hand.f)
+    return (albedo if ratio is None else albedo * ratio).clip(0, 1)
 
 
 def _rays_at_vertices(mesh: PosedMesh, topology: Topology) -> SurfaceRays:

@@ -14,6 +14,7 @@ from ..geometry.local_rotation import LocalFrames
 from ..geometry.mesh import PosedMesh
 from ..hand.model import MIRROR_AXIS_ANGLE
 from ..records.shot import HandPose
+from ..surface.albedo_ratio import RATIO_ARRAY, AlbedoRatio
 from ..surface.base_surface import whole_surface
 from ..surface.detail_maps import DetailMaps, SkinLook
 from ..surface.detail_maps_file import SkinFlexion, skin_detail_of
@@ -103,8 +104,10 @@ def skin_of_capture(capture: Capture, device: torch.device) -> AvatarSurface | N
 def _posable(surface: StoredSurface, device: torch.device) -> AvatarSurface:
     arrays, person = whole_surface(surface).arrays, surface.person
     detail = skin_detail_of(arrays)
+    maps = DetailMaps.of(detail, SkinLook(person.melanin, person.folds, person.veins_mm), device)
+    ratio = AlbedoRatio.of(arrays[RATIO_ARRAY], device) if RATIO_ARRAY in arrays else None
     return AvatarSurface(
-        maps=DetailMaps.of(detail, SkinLook(person.melanin, person.folds, person.veins_mm), device),
+        maps=maps._replace(ratio=ratio),
         bend=detail.bend,
         surface=detail_surface_of(arrays),
         veins_mm=person.veins_mm,

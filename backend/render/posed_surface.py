@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -88,6 +88,12 @@ class SurfacePoser:
     hand: HandModel
     device: torch.device
     backend: ReferenceBackend
+
+    def with_maps(self, maps: DetailMaps) -> SurfacePoser:
+        """Return the same surface with other maps of its detail; templates are shared."""
+        other = replace(self, skin=replace(self.skin, maps=maps))
+        other._levels.update(self._levels)
+        return other
 
     def posed(self, shot: Shot, hand: HandInView) -> SurfaceInView:
         """Return the surface of a shot: of what moves, in fewer faces if the view allows it, and without hairs."""

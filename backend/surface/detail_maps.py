@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import conv2d, interpolate, pad
 
+from .albedo_ratio import AlbedoRatio
 from .detail_maps_file import ATLAS_MM, COARSEST_MM, SkinMaps, SurfaceDetail
 
 DORSAL_MM, PALMAR_MM = 0.36, 0.55
@@ -75,6 +76,7 @@ class DetailMaps(NamedTuple):
         pigment_colour: as `PIGMENT_COLOUR`, of the person.
         blurred_level: as `BLURRED_LEVEL`, of the person.
         sharpness: as `SHARPNESS`, of the person.
+        ratio: of the person's albedo over that of the avatar's networks; None: they are the person's own.
     """
 
     table: Tensor
@@ -83,6 +85,7 @@ class DetailMaps(NamedTuple):
     pigment_colour: tuple[float, ...]
     blurred_level: float
     sharpness: tuple[float, ...]
+    ratio: AlbedoRatio | None = None
 
     @classmethod
     def of(cls, detail: SurfaceDetail, look: SkinLook, device: torch.device | str = "cpu") -> DetailMaps:

@@ -20,6 +20,7 @@ from torch.nn.functional import normalize
 from ..field.rays import CameraTensors
 from ..image.shading import MIN_ALPHA, ShadingInputs
 from ..light.lighting import DIFFUSE, GLOSS, SCATTERED, BumpMapping
+from .albedo_ratio import AlbedoRatio
 from .detail_maps import BUMP, CHANNELS, GLOSS_STEP, DetailMaps
 from .detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
 from .detail_mesh import DetailMesh, PixelSurface, barycentric, blend_corners
@@ -94,7 +95,7 @@ def detail_pixels(
     gradients = _gradients(mesh.vertices[corners], mesh.corner_uv[face])
     uv = blend_corners(mesh.corner_uv[face], weights)
     pixel_m = depth / camera.focal_px
-    values = _sampled(maps, uv, gradients, view[row], pixel_m, mesh.scale)
+    values, log_ratio = _sampled(maps, uv, gradients, view[row], pixel_m, mesh.scale)
     level = _level(maps, pixel_m, mesh.scale)
     blurred = values.clone()
     is_sharp = (level < maps.blurred_level).nonzero()[:, 0]
@@ -118,7 +119,7 @@ def detail_pixels(
         normal=bent(values),
         surface_normal=surface_normal,
         blurred_normal=bent(blurred),
-        albedo=torch.exp(pigment + folded * values.new_tensor(FOLD_LOG_ALBEDO)),
+        albedo=torch.exp(pigment + log_ratio + folded * values.new_tensor(FOLD_LOG_ALBEDO)),
         nail=values[:, NAIL],
         alpha_squared=alpha_squared.clamp(min=GLOSS_STEP),
         sharpness=values.new_tensor(maps.sharpness),
@@ -164,8 +165,12 @@ def _sampled(
     view: Float[Tensor, "K 3"],
     pixel_m: Float[Tensor, " K"],
     scale: Tensor,
-) -> Float[Tensor, "K 12"]:
-    """Sample the mean over what pixels show of faces; pixels are `pixel_m` wide where faces are seen straight on."""
+) -> tuple[Float[Tensor, "K 12"], Float[Tensor, "K 3"]]:
+    """Sample the mean over what pixels show of faces; pixels are `pixel_m` wide where faces are seen straight on.
+
+    Returns:
+        values of the maps, and the logarithm of the person's factor on albedo.
+    """
     normal = normalize(torch.linalg.cross(gradients[:, 0], gradients[:, 1]), dim=-1)
     facing = (normal * view).sum(-1, keepdim=True)
     cosine = facing[:, 0].abs().clamp(min=LEAST_COSINE)
@@ -174,13 +179,16 @@ def _sampled(
     tilt = normalize(view - facing * normal, dim=-1)
     step = step_m[:, None] * (gradients * tilt[:, None]).sum(-1)
     level = _level(maps, pixel_m, scale)
-    total = uv.new_zeros(len(uv), CHANNELS)
+    ratio_level = level if maps.ratio is None else _level(maps.ratio, pixel_m, scale)
+    total, log_ratio = uv.new_zeros(len(uv), CHANNELS), uv.new_zeros(len(uv), 3)
     for tap in range(MOST_TAPS):
         at = (tap < taps).nonzero()[:, 0]
         aside = (tap - (taps[at] - 1) / 2)[:, None] * step[at]
         total.index_add_(0, at, maps.sample(uv[at] + aside, level[at]) / taps[at, None])
-    return total
+        if maps.ratio is not None:
+            log_ratio.index_add_(0, at, maps.ratio.sample(uv[at] + aside, ratio_level[at]) / taps[at, None])
+    return total, log_ratio
 
 
-def _level(maps: DetailMaps, pixel_m: Float[Tensor, " K"], scale: Tensor) -> Float[Tensor, " K"]:
+def _level(maps: DetailMaps | AlbedoRatio, pixel_m: Float[Tensor, " K"], scale: Tensor) -> Float[Tensor, " K"]:
     return torch.log2(pixel_m / (scale * maps.texel_m)) - SHARPER

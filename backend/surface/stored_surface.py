@@ -55,10 +55,11 @@ ARRAYS: Mapping[str, ArraySpec] = {
     "roughness": ArraySpec("int8", ("Q", "Q"), 0, 127),
     "unresolved": ArraySpec("int8", (2, "U", "U")),
     "hair/share": ArraySpec("float32", ("M", "H"), 0, 1),
+    "albedo/ratio": ArraySpec("int8", ("A", "A", 3), -127, 127, is_optional=True),
     "confidence": ArraySpec("uint8", ("C", "C"), is_optional=True),
 }
 """Of a surface, by name: V, N, M: vertices of the hand model, vertices and faces of its second subdivision; F: forms
-that poses raise; R, Q, U, C: texels along the atlas; H: regions of hair."""
+that poses raise; R, Q, U, A, C: texels along the atlas; H: regions of hair."""
 
 
 @dataclass(frozen=True)
@@ -167,11 +168,12 @@ def _check_lengths(lengths: Mapping[str, int], source: str) -> None:
                 f"{source} must be twice subdivided from a closed mesh, with {axis} = {wanted}, got {axis} = {got}"
             )
     fine, coarse = lengths.get("R"), lengths.get("Q")
-    if fine is not None and (fine % _PYRAMID_BASE or not _PYRAMID_BASE <= fine <= _MOST_TEXELS):
-        raise LiveHandError(
-            f"{source}: fine maps must be a multiple of {_PYRAMID_BASE} and at most {_MOST_TEXELS} texels wide, "
-            f"got {fine}"
-        )
+    for maps, texels in (("fine maps", fine), ("albedo/ratio", lengths.get("A"))):
+        if texels is not None and (texels % _PYRAMID_BASE or not _PYRAMID_BASE <= texels <= _MOST_TEXELS):
+            raise LiveHandError(
+                f"{source}: {maps} must be a multiple of {_PYRAMID_BASE} and at most {_MOST_TEXELS} texels wide, "
+                f"got {texels}"
+            )
     if fine is not None and coarse is not None and fine not in [coarse << halving for halving in range(6)]:
         raise LiveHandError(f"{source}: coarse maps must be {fine} texels wide, halved 0 to 5 times, got {coarse}")
 

@@ -11,6 +11,7 @@ from livehand.backend.image.shading import ShadingInputs
 from livehand.backend.light.brdf import ROUGHNESS
 from livehand.backend.light.lighting import COEFFICIENTS, DIFFUSE, GLOSS, SCATTERED
 from livehand.backend.records.camera import Camera
+from livehand.backend.surface.albedo_ratio import AlbedoRatio
 from livehand.backend.surface.detail_maps import BUMP, DORSAL_MM, PALMAR_MM, PIGMENT_COLOUR, DetailMaps, SkinLook
 from livehand.backend.surface.detail_maps_file import ATLAS_MM, SkinFlexion, SkinMaps, SurfaceDetail
 from livehand.backend.surface.detail_mesh import DetailMesh, visible_surface
@@ -330,6 +331,19 @@ def off_by_rounding(mesh, camera, face, view):
     return torch.where(face >= 0, 2 * 16 * unit * distance_m / cosine / height_m * apart + 8 * unit, 0)
 
 
+def test_the_factor_on_albedo_multiplies_colours_alone(backend):
+    mesh, camera = patch()
+    factor = AlbedoRatio.of(np.tile(np.array([20, 0, -40], np.int8), (N, N, 1)))
+    maps, seen = DetailMaps.of(skin(), SkinLook(0.0, 1.0, 0.25)), backend.visible_surface(mesh, camera)
+    without, with_it = (
+        backend.detailed_image(image_of(camera), seen, mesh, camera, one) for one in (maps, maps._replace(ratio=factor))
+    )
+    wanted = without.coefficients.clone()
+    wanted[:, SCATTERED.start : DIFFUSE.stop] *= torch.exp(torch.tensor([0.3, 0, -0.6])).repeat(3)
+    torch.testing.assert_close(with_it.coefficients, wanted, atol=1e-5, rtol=0)
+    assert torch.equal(with_it.normal, without.normal)
+
+
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_both_backends_agree_on_a_posed_hand(backend_pair, fine_hand, view_from, side):
     mesh = fine_hand("fist", side)
@@ -340,7 +354,9 @@ def test_both_backends_agree_on_a_posed_hand(backend_pair, fine_hand, view_from,
         for size in (N, N // 4)
     )
     both = SurfaceDetail(fine, coarse, generator.random((N // 4, N // 4), np.float32), ROUGH, RESOLVED, BEND)
-    of_person, image = DetailMaps.of(both, SkinLook(0.3, 1.2, 0.4)), image_of(camera)
+    ratio = AlbedoRatio.of(generator.integers(-60, 60, (2 * N, 2 * N, 3), np.int8))
+    of_person = DetailMaps.of(both, SkinLook(0.3, 1.2, 0.4))._replace(ratio=ratio)
+    image = image_of(camera)
     seen = visible_surface(mesh, camera)
     ours, theirs = (b.detailed_image(image, seen, mesh, camera, of_person) for b in backend_pair)
     assert (theirs.normal != image.normal).any(1).sum() > 1000

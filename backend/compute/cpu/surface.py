@@ -17,13 +17,22 @@ from ...hand.lbs import SkinMotion, SkinTensors
 from ...image.shading import MIN_ALPHA, ShadingInputs
 from ...light.lighting import BumpMapping
 from ...records.shot import HandPose
+from ...surface.albedo_ratio import RATIO_STEP
 from ...surface.detail_maps import BUMP, GLOSS_STEP, SHADE_STEP, SLOPE_STEP_MM, DetailMaps
 from ...surface.detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
 from ...surface.detail_mesh import SAMPLES, DetailMesh, DetailTemplate, PixelSurface, SubdivisionLevel
 from ...surface.edge_antialiasing import SPREAD, STEP_M, STEP_PX, EdgePixels
 from ...surface.ray_hits import RayHits
 from ...surface.shading_detail import FOLD_LOG_ALBEDO, LEAST_COSINE, MOST_TAPS, ONE_TAP_MORE, SHARPER
-from ..kernels.detail import DetailConstants, DetailedArrays, DetailTable, PosedSurface, VisibleFaces, add_skin
+from ..kernels.detail import (
+    DetailConstants,
+    DetailedArrays,
+    DetailTable,
+    PosedSurface,
+    RatioTable,
+    VisibleFaces,
+    add_skin,
+)
 from ..kernels.edges import (
     EdgeMask,
     EdgeSamples,
@@ -211,13 +220,16 @@ def detailed_image(
     surface = PosedSurface(*as_arrays(mesh.vertices, mesh.normals, mesh.faces, mesh.corner_uv, mesh.flex))
     faces = VisibleFaces(*as_arrays(seen.face, seen.depth, seen.coverage, ray_origin(camera)))
     table = DetailTable(maps.table.numpy(), np.array([first for first, _ in maps.levels]), maps.resolution)
+    ratio = _ratio_table(maps)
     changed = image._replace(**{name: _copy(getattr(image, name)) for name in ("coefficients", "normal", "alpha")})
     skin = _beside_the_surface(image.normal, maps)
     of_skin = skin.surface_normal, skin.blurred_normal, skin.alpha_squared, skin.nail
     filled = changed.coefficients, changed.normal, *of_skin, changed.alpha.flatten()
     arrays = DetailedArrays(*as_arrays(changed.pixel, changed.view, *filled))
     constants = _constants(mesh, camera, maps)
-    in_parallel(lambda first, last: add_skin(faces, surface, table, constants, first, last, arrays), len(image.pixel))
+    in_parallel(
+        lambda first, last: add_skin(faces, surface, table, ratio, constants, first, last, arrays), len(image.pixel)
+    )
     return changed._replace(depth=seen.depth.reshape(image.depth.shape), skin=skin)
 
 
@@ -229,6 +241,15 @@ def _beside_the_surface(normal: Tensor, maps: DetailMaps) -> BumpMapping:
         blurred_normal=_copy(smooth.blurred_normal),
         sharpness=torch.tensor(maps.sharpness),
     )
+
+
+def _ratio_table(maps: DetailMaps) -> RatioTable:
+    ratio = maps.ratio
+    if ratio is None:
+        return RatioTable(np.zeros((0, 3), np.int8), np.zeros(1, np.int64), 1, np.float32(0), np.float32(0))
+    finer_by = np.float32(np.log2(ratio.resolution / maps.resolution))
+    first = np.array(ratio.first_rows)
+    return RatioTable(ratio.table.numpy(), first, ratio.resolution, np.float32(RATIO_STEP), finer_by)
 
 
 def _copy(values: Tensor) -> Tensor:

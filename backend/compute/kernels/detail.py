@@ -81,6 +81,24 @@ class DetailTable(NamedTuple):
     resolution: int
 
 
+class RatioTable(NamedTuple):
+    """A pyramid of the person's factor on albedo; without rows: there is none.
+
+    Attributes:
+        table: [T, 3] int8, logarithms in steps.
+        first: the first row of each level.
+        resolution: of the finest level.
+        step: what one of these is worth.
+        finer_by: levels from the finest of the maps of detail to its own.
+    """
+
+    table: np.ndarray
+    first: np.ndarray
+    resolution: int
+    step: np.float32
+    finer_by: np.float32
+
+
 class DetailConstants(NamedTuple):
     """Constants of `surface.shading_detail`.
 
@@ -150,10 +168,11 @@ class DetailedArrays(NamedTuple):
 
 
 @compiled
-def add_skin(seen, surface, maps, constants, first, last, image):
+def add_skin(seen, surface, maps, ratio, constants, first, last, image):
     """Give pixels [first, last) of `image` (`DetailedArrays`) the coverage, normals, colours and nails of the skin."""
     rows, of_pixel = np.zeros((_ROWS, _BLOCK), np.float32), np.empty(_BLOCK, np.int64)
     values, blurred = np.empty((_BLOCK, TEXEL), np.float32), np.empty(TEXEL, np.float32)
+    log_ratio = np.zeros(_COLOURED, np.float32)
     start = first
     while start < last:
         start, count = _gather(seen, surface, constants, image, start, last, rows, of_pixel)
@@ -162,7 +181,9 @@ def add_skin(seen, surface, maps, constants, first, last, image):
             _read(maps, constants, rows, index, values[index], blurred)
         _bend(rows, constants)
         for index in range(count):
-            _finish(image, constants, rows, index, of_pixel[index], values[index], seen.coverage)
+            if len(ratio.table) > 0:
+                _read_ratio(ratio, constants, rows, index, log_ratio)
+            _finish(image, constants, rows, index, of_pixel[index], values[index], log_ratio, seen.coverage)
 
 
 @part
@@ -280,6 +301,25 @@ def _read(maps, constants, rows, index, values, blurred):
 
 
 @part
+def _read_ratio(ratio, constants, rows, index, log_ratio):
+    """Fill the logarithm [3] of the person's factor on albedo, over the taps of `_read`."""
+    taps = min(int(_1 / rows[_COSINE, index] + constants.one_tap_more), constants.most_taps)
+    level = np.log2(rows[_DEPTH, index] * constants.texels) - constants.sharper + ratio.finer_by
+    level = min(max(level, _0), np.float32(len(ratio.first) - 1))
+    fine, share = int(level), _1 / np.float32(taps)
+    between = level - np.float32(fine)
+    for k in range(_COLOURED):
+        log_ratio[k] = _0
+    for tap in range(taps):
+        aside = (np.float32(tap) - _HALF * np.float32(taps - 1)) * share
+        u = rows[_U, index] + aside * rows[_STEP, index]
+        v = rows[_V, index] + aside * rows[_STEP + 1, index]
+        _add_ratio(ratio, u, v, fine, ratio.step * share * (_1 - between), log_ratio)
+        if between > _0:
+            _add_ratio(ratio, u, v, fine + 1, ratio.step * share * between, log_ratio)
+
+
+@part
 def _bend(rows, constants):
     """Fill the unit normals: that of the surface, bent by the slopes, sharp and blurred."""
     for to, slopes in ((_BUMPED, _SLOPES_AT), (_BLURRED, _BLURRED_AT)):
@@ -299,7 +339,7 @@ def _bend(rows, constants):
 
 
 @part
-def _finish(image, constants, rows, index, pixel, values, coverage):
+def _finish(image, constants, rows, index, pixel, values, log_ratio, coverage):
     """Write a pixel's normals, gloss, nail and colours."""
     for k in range(3):
         image.surface_normal[pixel, k] = rows[_SURFACE + k, index]
@@ -316,7 +356,7 @@ def _finish(image, constants, rows, index, pixel, values, coverage):
     folded = (dorsal * values[7] + palmar * values[8]) * constants.shade
     for k in range(3):
         pigment = values[_SLOPES] * constants.shade * constants.pigment_colour[k]
-        factor = np.exp(pigment + folded * constants.fold_log_albedo[k])
+        factor = np.exp(pigment + log_ratio[k] + folded * constants.fold_log_albedo[k])
         for group in range(_COLOURED):
             coefficients[_COLOURS + 3 * group + k] *= factor
 
@@ -336,10 +376,29 @@ def _add_sample(maps, u, v, level, weight, values):
 def _add_level(maps, u, v, level, share, values):
     """Add one level's values, bilinear, times a share."""
     size = maps.resolution >> level
+    texel, weights = _texels(u, v, size, share)
+    add_texels(maps.table, maps.first[level] + texel, size, weights, values)
+
+
+@part
+def _add_ratio(ratio, u, v, level, share, log_ratio):
+    """Add one level's logarithms, bilinear, times a share."""
+    size = ratio.resolution >> level
+    texel, (wa, wb, wc, wd) = _texels(u, v, size, share)
+    table, at = ratio.table, ratio.first[level] + texel
+    for k in range(_COLOURED):
+        below = wa * np.float32(table[at, k]) + wb * np.float32(table[at + 1, k])
+        above = wc * np.float32(table[at + size, k]) + wd * np.float32(table[at + size + 1, k])
+        log_ratio[k] += below + above
+
+
+@part
+def _texels(u, v, size, share):
+    """Find the first of four texels around a point, and their weights (itself, right, above, both), times a share."""
     x = min(max(u * np.float32(size) - _HALF, _0), np.float32(size - 1))
     y = min(max(v * np.float32(size) - _HALF, _0), np.float32(size - 1))
     column, row = min(int(x), size - 2), min(int(y), size - 2)
     right, above = x - np.float32(column), y - np.float32(row)
     wa, wb = share * (_1 - right) * (_1 - above), share * right * (_1 - above)
     wc, wd = share * (_1 - right) * above, share * right * above
-    add_texels(maps.table, maps.first[level] + row * size + column, size, (wa, wb, wc, wd), values)
+    return row * size + column, (wa, wb, wc, wd)

@@ -1,0 +1,100 @@
+"""The texels of an atlas on the detail surface: where each lies on the mesh, and fields to vertices and back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from scipy import ndimage, sparse
+
+from ..geometry.rasterise import rasterise
+from ..surface.detail_mesh import DetailTemplate
+
+
+@dataclass(frozen=True)
+class AtlasTexels:
+    """The T texels of an atlas of A x A whose centres lie on the surface, which has N vertices.
+
+    Attributes:
+        resolution: A.
+        pixel: [T] row * A + column, the row of the smallest v first; increasing.
+        corners: [T, 3] vertices of the face that each lies on.
+        weights: [T, 3] barycentric.
+        faces: [M, 3] of the surface.
+    """
+
+    resolution: int
+    pixel: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+    faces: np.ndarray
+
+    @classmethod
+    def of(cls, template: DetailTemplate, resolution: int) -> AtlasTexels:
+        """Find the texels of a surface."""
+        corner_px = template.corner_uv.reshape(-1, 2) * resolution
+        alone = torch.arange(len(corner_px)).reshape(-1, 3)
+        found = rasterise(corner_px, torch.ones(len(corner_px)), alone, (resolution, resolution))
+        pixel, first = np.unique(found.pixel.numpy(), return_index=True)
+        face = found.face.numpy()[first]
+        centre = np.stack([pixel % resolution, pixel // resolution], 1) + 0.5
+        weights = _barycentric(corner_px.reshape(-1, 3, 2).numpy()[face].astype(np.float64), centre)
+        faces = template.faces.numpy()
+        return cls(resolution, pixel, faces[face], weights.astype(np.float32), faces)
+
+    def at_texels(self, values: np.ndarray) -> np.ndarray:
+        """Interpolate values [N, C] of vertices at the texels [T, C]."""
+        return np.einsum("tkc,tk->tc", values[self.corners], self.weights)
+
+    def at_vertices(self, values: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Average values [T, C] at the vertices [N, C], and add up their weights [T] there [N]."""
+        shares = (weight[:, None] * self.weights).ravel()
+        at, count = self.corners.ravel(), self._count
+        total = np.bincount(at, shares, count)
+        of_texel = np.repeat(np.arange(len(self.pixel)), 3)
+        sums = [np.bincount(at, shares * values[of_texel, channel], count) for channel in range(values.shape[1])]
+        return np.stack(sums, 1) / np.maximum(total, 1e-9)[:, None], total
+
+    def as_map(self, values: np.ndarray) -> np.ndarray:
+        """Spread values [T, C] over the atlas [A, A, C]; beyond the charts each texel has its nearest one's."""
+        image = np.zeros((self.resolution**2, values.shape[1]), np.float32)
+        image[self.pixel] = values
+        image = image.reshape(self.resolution, self.resolution, -1)
+        return image[self._nearest[0], self._nearest[1]]
+
+    def from_map(self, image: np.ndarray) -> np.ndarray:
+        """Take values [T, C] of a map [A, A, C]."""
+        return image.reshape(self.resolution**2, -1)[self.pixel]
+
+    @cached_property
+    def laplacian(self) -> sparse.csr_matrix:
+        """[N, N] of the surface's edges: degree on the diagonal, -1 between neighbours."""
+        ends = np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]])
+        one_way = sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(self._count, self._count))
+        neighbours = ((one_way + one_way.T) > 0).astype(np.float64)
+        return (sparse.diags(np.asarray(neighbours.sum(1))[:, 0]) - neighbours).tocsr()
+
+    @property
+    def _count(self) -> int:
+        return int(self.faces.max()) + 1
+
+    @cached_property
+    def _nearest(self) -> np.ndarray:
+        is_beyond = np.ones(self.resolution**2, bool)
+        is_beyond[self.pixel] = False
+        is_beyond = is_beyond.reshape(self.resolution, self.resolution)
+        return ndimage.distance_transform_edt(is_beyond, return_distances=False, return_indices=True)
+
+
+def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Compute barycentric coordinates [T, 3] of points [T, 2] in triangles [T, 3, 2]."""
+    ab, ac, ap = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
+    area = _cross(ab, ac)
+    b, c = _cross(ap, ac) / area, _cross(ab, ap) / area
+    return np.stack([1 - b - c, b, c], 1)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

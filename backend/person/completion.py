@@ -1,0 +1,94 @@
+"""The person's whole atlas from what was gathered: delighting as an estimate with a prior, and completion by place.
+
+The logarithm of the ratio is prior(place; numbers) + low + high. Light and albedo trade what is coarse: an error of the
+light's estimate looks like a large stain. So of what is coarser than some millimetres a share is kept (`low`), that the
+pictures' agreement allows, and it dies out over the surface where nothing was seen; what is finer is the person's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import linalg
+
+from .atlas import AtlasTexels
+from .gathering import GatheredRatio
+from .numbers import SkinFamily, SkinNumbers, fitted_numbers
+
+_MOST_WEIGHT = 2.0  # of a texel: more pictures do not make it surer
+_SMOOTH_EDGES = 6.0  # of the Laplacian against data: what is coarser than about 4 mm
+_REACH_EDGES = 12.0  # over which it dies out where nothing was seen
+_KEPT_LOW = 0.5
+_SURE_WEIGHT = 0.15
+
+
+@dataclass(frozen=True)
+class CompletedRatio:
+    """The person's albedo over the base's.
+
+    Attributes:
+        log_ratio: [T, 3] of all texels.
+        prior: [T, 3] what the numbers alone say.
+        confidence: [T] 0 where nothing was seen to 1.
+        numbers: of the skin.
+    """
+
+    log_ratio: np.ndarray
+    prior: np.ndarray
+    confidence: np.ndarray
+    numbers: SkinNumbers
+
+
+def completed_ratio(
+    texels: AtlasTexels,
+    gathered: GatheredRatio,
+    family: SkinFamily,
+    base_log_albedo: np.ndarray,
+    kept_low: float = _KEPT_LOW,
+) -> CompletedRatio:
+    """Complete what was gathered.
+
+    Args:
+        texels: of the atlas.
+        gathered: in the light as it was estimated.
+        family: of skins, at the surface's vertices.
+        base_log_albedo: [N, 3] of the base.
+        kept_low: share of what is coarse and not explained by the numbers.
+    """
+    observed, weight = texels.at_vertices(gathered.mean, np.minimum(gathered.weight, _MOST_WEIGHT))
+    numbers = fitted_numbers(family, observed + base_log_albedo, weight)
+    light = numbers.log_gain + numbers.log_tint
+    prior = family.log_albedo(numbers.melanin, numbers.blood) - base_log_albedo
+    left = np.where(weight[:, None] > 0, observed - light - prior, 0)
+    smooth = _smoothed(texels, left, weight, _SMOOTH_EDGES, 0.0)
+    spread = _smoothed(texels, kept_low * smooth, weight, 1.0, 1 / _REACH_EDGES**2)
+    confidence = (gathered.weight / (gathered.weight + _SURE_WEIGHT)).astype(np.float32)
+    of_prior, of_low, of_spread = (texels.at_texels(values.astype(np.float32)) for values in (prior, smooth, spread))
+    high = gathered.mean - light.astype(np.float32) - of_prior - of_low
+    seen = of_prior + kept_low * of_low + high
+    log_ratio = confidence[:, None] * seen + (1 - confidence[:, None]) * (of_prior + of_spread)
+    return CompletedRatio(log_ratio, of_prior, confidence, numbers)
+
+
+def _smoothed(
+    texels: AtlasTexels, values: np.ndarray, weight: np.ndarray, smoothness: float, decay: float
+) -> np.ndarray:
+    """Fit a smooth field to values [N, C] of vertices with weights [N], which returns to 0 where they have none.
+
+    Args:
+        texels: of the surface.
+        values: to be smoothed.
+        weight: of them.
+        smoothness: of the Laplacian, against weights of 1.
+        decay: of the field itself, against the Laplacian.
+    """
+    trusted = sparse.diags(np.minimum(weight, 1.0))
+    laplacian = texels.laplacian
+    system = trusted + smoothness * (laplacian + max(decay, 1e-6) * sparse.eye(laplacian.shape[0]))
+    goal = trusted @ values
+    return np.stack(
+        [linalg.cg(system.tocsr(), goal[:, channel], rtol=1e-4, maxiter=400)[0] for channel in range(values.shape[1])],
+        1,
+    )

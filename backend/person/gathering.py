@@ -1,0 +1,232 @@
+"""What pictures say about the albedo of each texel: its logarithm over that of the base, averaged over pictures.
+
+Each texel's place on the posed surface is looked up in every picture that sees it, near where it is projected: at a
+place that dense flow between the picture and what the model renders corrects. Pictures that are sharper there, nearer
+and seen more from the front count more; those that contradict the others count less. What a camera clipped was at least
+as bright.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..capture.masks.mask import load_opencv
+from ..capture.picture import linear_to_srgb, srgb_to_linear
+from ..geometry.tolerances import NEAR_M
+from .atlas import AtlasTexels
+from .flow import bilinear, flow_between, nearest
+from .light import PictureLight
+from .model import PersonModel, SeenSurface
+from .picture import HAND, UNKNOWN, HandPicture
+
+_LEAST_FACING = 0.25
+_BEHIND_M = 0.004  # farther than the surface that is seen: hidden
+_STEP_M = 0.012  # of depth within a few pixels: a border of two parts
+_CLIPPED, _DARKEST = 0.98, 0.03
+_NOISE = 0.004  # linear; below it logarithms say nothing
+_FLOW_ERROR_PX = 2.0
+_OUTLIER = 0.12  # of the logarithm
+_BACKDROP = 0.1
+_FOOTPRINT_POWER = 4
+_ERODED_PX, _FAR_ERODED_PX = 3, 5
+_REWEIGHTED = 4
+_GAIN_SHRINK = 0.7  # of a picture's own exposure and white balance, which shading may feign
+_LEAST_GAIN_WEIGHT = 50.0
+
+
+@dataclass(frozen=True)
+class GatheredRatio:
+    """Logarithms of the person's albedo over the base's.
+
+    Attributes:
+        mean: [T, 3].
+        weight: [T] of all pictures; 0: no picture shows it.
+        deviation: of pictures from the mean, of the logarithm.
+        flow_px: mean length of the flow on the hand; 0 without flow.
+        log_gain: [K, 3] of each picture's exposure and white balance.
+    """
+
+    mean: np.ndarray
+    weight: np.ndarray
+    deviation: float
+    flow_px: float
+    log_gain: np.ndarray
+
+
+class _Sighting(NamedTuple):
+    """Of one picture: weight [T], logarithm of the ratio [T, 3], where it is a lower bound [T]; mean flow."""
+
+    weight: np.ndarray
+    log_ratio: np.ndarray
+    is_bound: np.ndarray
+    flow_px: float
+
+
+def gathered_ratio(
+    model: PersonModel,
+    texels: AtlasTexels,
+    pictures: Sequence[HandPicture],
+    lights: Mapping[int, PictureLight],
+    ratio: np.ndarray | None,
+    with_flow: bool = True,
+    on_picture: Callable[[], None] = lambda: None,
+) -> GatheredRatio:
+    """Gather what pictures show.
+
+    Args:
+        model: with the ratio so far.
+        texels: of the atlas.
+        pictures: of the hand.
+        lights: by scene.
+        ratio: [T, 3] logarithms that the model has; None: zeros.
+        with_flow: correct places by flow; harmful while the model's texture is not the person's and views differ much.
+        on_picture: called after each.
+    """
+    sightings = []
+    for picture in pictures:
+        sighting = _sighting(model, texels, picture, lights[picture.scene], with_flow)
+        known = sighting.log_ratio if ratio is None else sighting.log_ratio + ratio
+        sightings.append(sighting._replace(log_ratio=known.astype(np.float16)))
+        on_picture()
+    return _consensus(sightings)
+
+
+def _consensus(sightings: Sequence[_Sighting]) -> GatheredRatio:
+    """Average robustly, in turn with each picture's gain."""
+    gains = np.zeros((len(sightings), 3), np.float32)
+    weights = [sighting.weight.astype(np.float32) for sighting in sightings]
+    mean, total = _mean(sightings, weights, gains)
+    deviation = 0.0
+    for _ in range(_REWEIGHTED):
+        squares = np.zeros(2)
+        for index, sighting in enumerate(sightings):
+            off = sighting.log_ratio.astype(np.float32) - mean
+            gains[index] = _gain(off, weights[index] * ~sighting.is_bound)
+            off -= gains[index]
+            square = (off * off).mean(1)
+            is_told = ~sighting.is_bound | (off.mean(1) > 0)
+            weights[index] = sighting.weight * is_told / (1 + square / _OUTLIER**2) ** 1.5
+            squares += (weights[index] * square).sum(), weights[index].sum()
+        gains -= gains.mean(0)
+        mean, total = _mean(sightings, weights, gains)
+        deviation = float(np.sqrt(squares[0] / max(squares[1], 1e-9)))
+    flow_px = float(np.mean([sighting.flow_px for sighting in sightings]))
+    return GatheredRatio(mean, total, deviation, flow_px, gains)
+
+
+def _mean(
+    sightings: Sequence[_Sighting], weights: Sequence[np.ndarray], gains: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    total, sums = np.zeros(len(weights[0]), np.float32), np.zeros((len(weights[0]), 3), np.float32)
+    for sighting, weight, gain in zip(sightings, weights, gains, strict=True):
+        total += weight
+        sums += weight[:, None] * (sighting.log_ratio.astype(np.float32) - gain)
+    return sums / np.maximum(total, 1e-6)[:, None], total
+
+
+def _gain(off: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the logarithm [3] of a picture's gain: a share of the median of what it is brighter by."""
+    if weight.sum() < _LEAST_GAIN_WEIGHT:
+        return np.zeros(3, np.float32)
+    sure = weight > 0.3 * weight.max()
+    return _GAIN_SHRINK * np.median(off[sure], 0)
+
+
+def _sighting(
+    model: PersonModel, texels: AtlasTexels, picture: HandPicture, light: PictureLight, with_flow: bool
+) -> _Sighting:
+    frame = model.rendered(picture.pose, picture.camera, light.light)
+    seen = model.seen(picture.pose, picture.camera)
+    encoded = picture.rgb.astype(np.float32) / 255
+    shown = srgb_to_linear(encoded)
+    rendered = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)
+    place = _TexelPlaces.of(texels, seen, picture)
+    flow_px = np.zeros((*shown.shape[:2], 2), np.float32)
+    error_px = np.zeros(shown.shape[:2], np.float32)
+    if with_flow:
+        tinted = rendered * light.tint.astype(np.float32)
+        flow_px, error_px = _flow(tinted, frame.alpha, encoded, picture.labels)
+    moved = place.px + bilinear(flow_px, place.px)
+    usable, is_clipped = _usable(encoded, picture.labels)
+    weight = place.weight * (bilinear(usable, moved) > 0.95)
+    weight = weight * np.exp(-(bilinear(error_px, place.px) ** 2) / (2 * _FLOW_ERROR_PX**2))
+    weight = weight * _sharpness(encoded, seen.is_seen)
+    log_ratio = np.log((bilinear(shown, moved) + _NOISE) / (bilinear(rendered, place.px) + _NOISE))
+    length = float(np.linalg.norm(flow_px[seen.is_seen], axis=1).mean()) if seen.is_seen.any() else 0.0
+    is_bound = bilinear(is_clipped, moved) > 0.05
+    return _Sighting(weight.astype(np.float32), log_ratio, is_bound, length)
+
+
+class _TexelPlaces(NamedTuple):
+    """Where the texels are in a picture: [T, 2] px, and how well it shows them, 0 where it does not."""
+
+    px: np.ndarray
+    weight: np.ndarray
+
+    @classmethod
+    def of(cls, texels: AtlasTexels, seen: SeenSurface, picture: HandPicture) -> _TexelPlaces:
+        camera = picture.camera
+        position = texels.at_texels(seen.mesh.vertices.numpy())
+        normal = texels.at_texels(seen.mesh.normals.numpy())
+        away = position - camera.origin.astype(np.float32)
+        px, depth = camera.project(position)
+        facing = -(normal * away).sum(1) / (np.linalg.norm(normal, axis=1) * np.linalg.norm(away, axis=1))
+        nearer, is_inner = _depth_edges(seen)
+        is_visible = (depth > NEAR_M) & (facing > _LEAST_FACING) & (depth < nearest(nearer, px) + _BEHIND_M)
+        is_visible &= bilinear(is_inner, px) > 0.95
+        px_per_mm = camera.K[0, 0] / np.maximum(depth, NEAR_M) / 1000
+        weight = is_visible * (facing.clip(0) * np.minimum(px_per_mm, _FULL_PX_PER_MM) / _FULL_PX_PER_MM)
+        return cls(px.astype(np.float32), weight.astype(np.float32) ** _FOOTPRINT_POWER)
+
+
+_FULL_PX_PER_MM = 3.0
+"""Finer pictures tell no more than an atlas holds."""
+
+
+def _depth_edges(seen: SeenSurface) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest depth around each pixel, and where (1) no part of the hand ends before another."""
+    cv2 = load_opencv()
+    depth = np.where(seen.is_seen, seen.depth, 9.0).astype(np.float32)
+    around = np.ones((5, 5))
+    near = cv2.erode(depth, np.ones((3, 3)))
+    is_even = np.abs(cv2.dilate(depth, around) - cv2.erode(depth, around)) < _STEP_M
+    inner = cv2.erode((seen.is_seen & (seen.facing > 0.2)).astype(np.uint8), np.ones((_ERODED_PX, _ERODED_PX)))
+    return near, (inner * is_even).astype(np.float32)
+
+
+def _usable(encoded: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where (1) a picture surely shows the hand and not its dark, and where (1) it is clipped."""
+    cv2 = load_opencv()
+    is_hand = cv2.erode((labels == HAND).astype(np.uint8), np.ones((_FAR_ERODED_PX, _FAR_ERODED_PX)))
+    usable = is_hand * (encoded.max(-1) > _DARKEST)
+    return usable.astype(np.float32), (encoded.max(-1) >= _CLIPPED).astype(np.float32)
+
+
+def _flow(
+    rendered: np.ndarray, alpha: np.ndarray, encoded: np.ndarray, labels: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the flow from what the model renders to the picture, both on a backdrop."""
+    is_told = (labels != UNKNOWN).astype(np.float32)
+    ours, theirs = alpha * is_told, (labels == HAND).astype(np.float32)
+    grey = [
+        picture.mean(-1) * mask + _BACKDROP * (1 - mask)
+        for picture, mask in ((linear_to_srgb(rendered), ours), (encoded, theirs))
+    ]
+    return flow_between(*grey)
+
+
+def _sharpness(encoded: np.ndarray, where: np.ndarray) -> float:
+    """Measure how sharp a picture is where it shows the hand, from the share of its contrast that is fine."""
+    cv2 = load_opencv()
+    grey = encoded.mean(-1)
+    if not where.any():
+        return 0.1
+    fine, all_of_it = (np.abs(grey - cv2.GaussianBlur(grey, (0, 0), px))[where].mean() for px in (1.0, 4.0))
+    return float(np.clip(fine / max(all_of_it, 1e-6) / _USUAL_SHARPNESS, 0.1, 2.0))
+
+
+_USUAL_SHARPNESS = 0.3

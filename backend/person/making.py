@@ -1,0 +1,146 @@
+"""A person from pictures: the main road.
+
+- light (`light`): of every scene, in the albedo so far
+- gather (`gathering`): what pictures show of each texel
+- numbers (`numbers`): the nearest skin of the family; strength and tint of the light
+- complete (`completion`): delighting with a prior, and what no picture shows
+- refit (`refit`): poses and shape, by the flow between render and picture, and outlines
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from ..surface.albedo_ratio import ratio_steps
+from .atlas import AtlasTexels
+from .completion import CompletedRatio, completed_ratio
+from .gathering import GatheredRatio, gathered_ratio
+from .light import LitPixels, PictureLight, fitted_light, lit_pixels
+from .model import PersonModel
+from .numbers import SkinFamily
+from .picture import HandPicture, PicturedHand
+
+_LIGHT_PICTURES = 8
+_MOST_PICTURES = 36
+_REPORTED = 1e-3
+
+Log = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class MakingOptions:
+    """How a person is made.
+
+    Attributes:
+        resolution: of the atlas.
+        rounds: of light, gathering and completion.
+        with_flow: as in `gathered_ratio`, in all rounds or from the second on.
+        kept_low: as in `completed_ratio`.
+    """
+
+    resolution: int = 1024
+    rounds: int = 2
+    with_flow: bool = True
+    kept_low: float = 0.5
+
+
+@dataclass(frozen=True)
+class MadePerson:
+    """What the pictures gave.
+
+    Attributes:
+        model: with the person's factor.
+        texels: of the atlas.
+        completed: the factor, its prior and confidence, the skin's numbers.
+        gathered: of the last round.
+        lights: by scene, in the strength that the numbers give.
+    """
+
+    model: PersonModel
+    texels: AtlasTexels
+    completed: CompletedRatio
+    gathered: GatheredRatio
+    lights: Mapping[int, PictureLight]
+
+
+def made_person(
+    base: PersonModel, hand: PicturedHand, family: SkinFamily, options: MakingOptions, log: Log = lambda line: None
+) -> MadePerson:
+    """Make a person from pictures whose poses are known well enough for flow to correct the rest."""
+    texels = AtlasTexels.of(base.template, options.resolution)
+    pictures = _chosen([picture for picture in hand.pictures if not picture.is_held_out], _MOST_PICTURES)
+    base_log_albedo = family_at_base(base)
+    pixels = _pixels_of_scenes(base, pictures, log)
+    lights = {scene: fitted_light(of_scene) for scene, of_scene in pixels.items()}
+    model, person = base, None
+    for round_index in range(options.rounds):
+        known = None if person is None else texels.from_map(_map(texels, person.completed))
+        gathered = gathered_ratio(model, texels, pictures, lights, known, options.with_flow)
+        completed = completed_ratio(texels, gathered, family, base_log_albedo, options.kept_low)
+        log(_report(round_index, gathered, completed))
+        gain, tint = completed.numbers.log_gain, np.exp(completed.numbers.log_tint)
+        lights = {scene: PictureLight(light.lobes * np.exp(gain), tint) for scene, light in lights.items()}
+        model = base.with_ratio(ratio_steps(torch.as_tensor(_map(texels, completed))).numpy())
+        person = MadePerson(model, texels, completed, gathered, lights)
+        if round_index + 1 < options.rounds:
+            lights = _lights_again(pixels, lights, texels, completed)
+    assert person is not None
+    return person
+
+
+def skin_family(light: PersonModel, deep: PersonModel) -> SkinFamily:
+    """Make the family of skins between a light and a deep person that ship."""
+    return SkinFamily(family_at_base(light), family_at_base(deep))
+
+
+def family_at_base(model: PersonModel) -> np.ndarray:
+    """Return the logarithm [N, 3] of a base's albedo at the vertices of its surface."""
+    return np.log(model.at_detail(model.pipeline.base._vertex_albedo).clip(_LEAST_ALBEDO))
+
+
+_LEAST_ALBEDO = 0.003
+
+
+def _chosen(pictures: list[HandPicture], most: int) -> list[HandPicture]:
+    indices = np.linspace(0, len(pictures) - 1, min(most, len(pictures))).round().astype(int)
+    return [pictures[index] for index in indices]
+
+
+def _pixels_of_scenes(base: PersonModel, pictures: list[HandPicture], log: Log) -> dict[int, LitPixels]:
+    pixels = {}
+    for scene in sorted({picture.scene for picture in pictures}):
+        of_scene = _chosen([picture for picture in pictures if picture.scene == scene], _LIGHT_PICTURES)
+        pixels[scene] = lit_pixels(base, of_scene)
+        log(f"light of scene {scene}: {len(pixels[scene].shown)} pixels of {len(of_scene)} pictures")
+    return pixels
+
+
+def _lights_again(
+    pixels: Mapping[int, LitPixels], lights: Mapping[int, PictureLight], texels: AtlasTexels, completed: CompletedRatio
+) -> dict[int, PictureLight]:
+    """Fit the light in the person's albedo; its tint stays that of the numbers."""
+    factor = np.exp(_map(texels, completed))
+    found = {}
+    for scene, of_scene in pixels.items():
+        size = texels.resolution
+        column, row = (of_scene.uv * size).astype(int).clip(0, size - 1).T
+        again = fitted_light(of_scene, factor[row, column] * lights[scene].tint)
+        found[scene] = replace(again, tint=lights[scene].tint)
+    return found
+
+
+def _map(texels: AtlasTexels, completed: CompletedRatio) -> np.ndarray:
+    return texels.as_map(completed.log_ratio)
+
+
+def _report(index: int, gathered: GatheredRatio, completed: CompletedRatio) -> str:
+    numbers, seen = completed.numbers, (gathered.weight > _REPORTED).mean()
+    return (
+        f"round {index + 1}: {seen:.0%} of the skin seen, flow {gathered.flow_px:.2f} px, "
+        f"spread {gathered.deviation:.3f}; melanin {numbers.melanin:.2f}, blood {numbers.blood:.2f}, "
+        f"light x {np.exp(numbers.log_gain):.2f}, tint {np.exp(numbers.log_tint).round(3).tolist()}"
+    )
