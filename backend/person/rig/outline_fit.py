@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ...records.camera import Camera
 from .landmark_pose import LandmarkTargets
-from .outlines import OutlinePairs, OutlineTree, outline_of, outline_pairs
+from .outlines import OutlineTree, PairedViews, outline_of, outline_pairs
 from .rig_cameras import RigCameras, turn_costs, turned
 from .rig_hands import HandParameters, RigHands
 from .view_masks import FREE
@@ -27,7 +27,8 @@ _FARTHEST_MM, _NEAREST_MM, _SHRINKS = 20.0, 5.0, 0.75  # the reach of pairs, rou
 _EVERY = 2  # pixels of an outline that share a pair
 _RATES = (0.006, 0.03, 0.0008, 0.01, 0.0004)  # of theta, beta, transl, forearm and turns
 _LAST_RATE = 0.1  # of a round's, as a share of its first
-_ACROSS_MM, _LANDMARK_MM = 2.0, 4.0  # scales of robust residuals
+ACROSS_MM, _LANDMARK_MM = 2.0, 4.0  # scales of robust residuals
+_ACROSS_WEIGHT = 4.0  # of a square millimetre
 _ALONG_WEIGHT, _MOST_ALONG_MM2 = 0.08, 25.0
 _LANDMARK_WEIGHT = 0.6
 _THETA_WEIGHT, _BETA_WEIGHT, _FOREARM_WEIGHT, _TURN_WEIGHT = 1.5, 0.02, 1.0, 0.02
@@ -125,16 +126,17 @@ def paired(
     rows: Sequence[int],
     reach: float,
     offset: Tensor | None = None,
-) -> list[OutlinePairs]:
-    """Pair the outlines of the posed hands with those of the pictures in these rows."""
+    arm_reach: float = 0.6,
+) -> PairedViews:
+    """Pair the outlines of the posed hands with those of the pictures in these rows, at most `reach` mm apart."""
     with torch.no_grad():
         vertices = hands.show(fit.parameters, offset).all_vertices.double().numpy()
     found = []
     for row in rows:
         camera = turned(cameras[row], fit.turns[row].double().numpy())
         view = (camera, row, outlines.trees[row], outlines.px_per_mm[row])
-        found.append(outline_pairs(vertices, hands, *view, reach, every=_EVERY))
-    return [pairs for pairs in found if len(pairs.px)]
+        found.append(outline_pairs(vertices, hands, *view, reach, arm_reach, _EVERY))
+    return PairedViews.of(found, len(vertices))
 
 
 def picture_loss(
@@ -142,16 +144,17 @@ def picture_loss(
     landmarks: Tensor,
     turns: Tensor,
     cameras: RigCameras,
-    pairs: Sequence[OutlinePairs],
+    pairs: PairedViews,
     targets: Sequence[LandmarkTargets],
+    across_mm: float = ACROSS_MM,
 ) -> Tensor:
-    """Sum the robust residuals of outlines (mean of the views') and landmarks, in units of their scales."""
-    loss = vertices.new_zeros(())
-    for part in pairs:
-        points = (vertices[part.corners] * part.weights[..., None]).sum(1)
+    """Sum the robust residuals of outlines and landmarks, each the mean of the views'."""
+    loss, count = vertices.new_zeros(()), max(len(pairs.views), 1)
+    for part, points in zip(pairs.views, pairs.points(vertices), strict=True):
         across, along = part.off_mm(cameras.project(points, part.view, turns[part.view])[0])
-        loss = loss + 16 * ((1 + (across / _ACROSS_MM) ** 2).sqrt() - 1).mean() / len(pairs)
-        loss = loss + _ALONG_WEIGHT * (along**2).clamp(max=_MOST_ALONG_MM2).mean() / len(pairs)
+        robust = across_mm**2 * ((1 + (across / across_mm) ** 2).sqrt() - 1).mean()
+        along = (along**2).clamp(max=_MOST_ALONG_MM2).mean()
+        loss = loss + (_ACROSS_WEIGHT * robust + _ALONG_WEIGHT * along) / count
     for target in targets:
         off = target.off_mm(cameras, landmarks, turns) / _LANDMARK_MM
         loss = loss + _LANDMARK_WEIGHT * torch.log1p(off**2).mean() / len(targets)
@@ -163,7 +166,7 @@ def _moved(
     start: RigFit,
     hands: RigHands,
     cameras: RigCameras,
-    pairs: Sequence[OutlinePairs],
+    pairs: PairedViews,
     targets: Sequence[LandmarkTargets],
     rows: frozenset[int],
 ) -> RigFit:

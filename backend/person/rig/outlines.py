@@ -5,6 +5,7 @@ An outline's pixels are those of the hands that touch what is no hand; its norma
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -126,6 +127,29 @@ class OutlinePairs(NamedTuple):
         across = (off * self.normal).sum(-1)
         along = (off - across[:, None] * self.normal).norm(dim=-1)
         return across / self.px_per_mm, along / self.px_per_mm
+
+
+class PairedViews(NamedTuple):
+    """The pairs of all views, and one sparse matrix [all their P, V] that takes vertices to their points."""
+
+    views: tuple[OutlinePairs, ...]
+    matrix: Tensor
+
+    @classmethod
+    def of(cls, views: Sequence[OutlinePairs], vertex_count: int) -> PairedViews:
+        """Stack the pairs of several views; views without any are left out."""
+        views = tuple(part for part in views if len(part.px))
+        total = sum(len(part.px) for part in views)
+        index, values = torch.zeros(2, 0, dtype=torch.long), torch.zeros(0)
+        if views:
+            row = torch.arange(total).repeat_interleave(3)
+            index = torch.stack([row, torch.cat([part.corners for part in views]).flatten()])
+            values = torch.cat([part.weights for part in views]).flatten()
+        return cls(views, torch.sparse_coo_tensor(index, values, (total, vertex_count), check_invariants=True).coalesce())
+
+    def points(self, vertices: Float[Tensor, "V 3"]) -> list[Tensor]:
+        """Find the outlines' points [P, 3] of each view, m."""
+        return list(torch.sparse.mm(self.matrix, vertices).split([len(part.px) for part in self.views]))
 
 
 def outline_pairs(

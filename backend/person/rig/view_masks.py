@@ -27,7 +27,7 @@ _JOINED_MM = 9.0  # skin farther from every mesh is somebody else's
 _MARGIN_MM = 30.0  # around the hands, that GrabCut sees
 _BINS, _BLUR_BINS = 16, 0.7  # of a colour channel
 _LEAST_LIKELY = 0.5
-_ITERATIONS = 4
+_ITERATIONS = 2
 _LEAST_PIECE_MM2 = 60.0
 _BORDER_MM = 2.0  # at another hand or forearm, whose pixels' colours are mixed
 
