@@ -54,6 +54,24 @@ def view_labels(
     return labels
 
 
+def relabelled(
+    labels: UInt8[np.ndarray, "H W"], mesh: UInt8[np.ndarray, "H W"]
+) -> UInt8[np.ndarray, "H W"]:
+    """Give skin that was found before to the nearest mesh of a later fit."""
+    if not (mesh > FREE).any():
+        return labels
+    row, column = distance_transform_edt(mesh == FREE, return_distances=False, return_indices=True)
+    return np.where(labels > FREE, mesh[row, column], FREE).astype(np.uint8)
+
+
+def overlap(labels: UInt8[np.ndarray, "H W"], mesh: UInt8[np.ndarray, "H W"], side: Side, arm_px: int = 5) -> float:
+    """Compute the intersection over union of a hand's skin and its mesh, away from forearms; NaN for neither."""
+    own, counts = LABEL_OF[side], ~binary_dilation((labels == ARM) | (mesh == ARM), iterations=arm_px)
+    skin, model = (labels == own) & counts, (mesh == own) & counts
+    either = (skin | model).sum()
+    return float((skin & model).sum() / either) if either else float("nan")
+
+
 def mesh_labels(covered: CoveredPixels, hands: RigHands) -> UInt8[np.ndarray, "H W"]:
     """Label the pixels by the nearest mesh alone."""
     count = len(hands.faces) // len(hands.sides)
