@@ -1,0 +1,1 @@
+"""Measures of persons made from pictures of real hands, which only a checkout has."""
