@@ -6,11 +6,12 @@ takes for a joint lies beside the model's, by 2 to 3 mm and alike in all views: 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from ...hand.model import HandModel
@@ -38,28 +39,41 @@ class LandmarkPoses(NamedTuple):
 
 
 class LandmarkTargets(NamedTuple):
-    """Where one view shows one hand's landmarks: rows of hand and view, px [21, 2], and px in a millimetre."""
+    """Where views show hands' landmarks.
 
-    hand: int
-    view: int
+    Attributes:
+        hand: [O] row of the hand.
+        view: [O] row of the view.
+        px: [O, 21, 2].
+        px_per_mm: [O] px in a millimetre at the hand.
+    """
+
+    hand: Tensor
+    view: Tensor
     px: Tensor
-    px_per_mm: float
+    px_per_mm: Tensor
 
-    def off_mm(self, cameras: RigCameras, landmarks: Tensor, turns: Tensor) -> Tensor:
-        """Measure how far landmarks [S, 21, 3] m are projected off, [21] mm at the hand."""
-        px = cameras.project(landmarks[self.hand], self.view, turns[self.view])[0]
-        return (px - self.px).norm(dim=-1) / self.px_per_mm
+    def off_mm(self, cameras: RigCameras, landmarks: Tensor, turns: Tensor) -> Float[Tensor, "O 21"]:
+        """Measure how far landmarks [S, 21, 3] m are projected off, mm at the hand, by cameras turned by [C, 3] rad."""
+        px = cameras.project_by_views(landmarks[self.hand], self.view, turns)
+        return (px - self.px).norm(dim=-1) / self.px_per_mm[:, None]
+
+    def in_views(self, rows: Collection[int]) -> LandmarkTargets:
+        """Choose the targets of these views."""
+        chosen = torch.isin(self.view, torch.as_tensor(sorted(rows), dtype=torch.long))
+        return LandmarkTargets(*(values[chosen] for values in self))
 
 
-def landmark_targets(hands: Sequence[AssociatedHand], cameras: RigCameras) -> list[LandmarkTargets]:
-    """List what all views show of all hands."""
-    targets = []
-    for row, hand in enumerate(hands):
-        points = torch.as_tensor(hand.points, dtype=torch.float32)
-        for find in hand.finds:
-            px = torch.as_tensor(find.px, dtype=torch.float32)
-            targets.append(LandmarkTargets(row, find.view, px, cameras.px_per_m(find.view, points) / 1000))
-    return targets
+def landmark_targets(hands: Sequence[AssociatedHand], cameras: RigCameras) -> LandmarkTargets:
+    """Stack what all views show of all hands."""
+    pairs = [(row, find) for row, hand in enumerate(hands) for find in hand.finds]
+    points = [torch.as_tensor(hand.points, dtype=torch.float32) for hand in hands]
+    return LandmarkTargets(
+        hand=torch.tensor([row for row, _ in pairs]),
+        view=torch.tensor([find.view for _, find in pairs]),
+        px=torch.as_tensor(np.stack([find.px for _, find in pairs]), dtype=torch.float32),
+        px_per_mm=torch.tensor([cameras.px_per_m(find.view, points[row]) / 1000 for row, find in pairs]),
+    )
 
 
 def landmark_poses(
@@ -75,7 +89,7 @@ def landmark_poses(
     """
     start = {hand.side: _of_points(points[row], model, hand.side) for row, hand in enumerate(hands)}
     sides = tuple(start)
-    rig, stacked = RigHands.of(model, sides), RigCameras.of(cameras)
+    rig, stacked = RigHands.of(model, sides).of_landmarks_alone(), RigCameras.of(cameras)
     targets, first = landmark_targets(hands, stacked), rig.parameters(start)
     still = torch.zeros(len(cameras), 3)
     theta, beta, transl = (values.clone().requires_grad_() for values in first[:3])
@@ -84,7 +98,7 @@ def landmark_poses(
     optimizer = torch.optim.Adam(groups)
     for _ in range(_STEPS):
         landmarks = rig.show(HandParameters(theta, beta, transl, first.forearm)).landmarks + offsets
-        off = torch.cat([target.off_mm(stacked, landmarks, still) for target in targets]) / _LANDMARK_MM
+        off = targets.off_mm(stacked, landmarks, still) / _LANDMARK_MM
         loss = 36 * ((1 + off**2).sqrt() - 1).mean() * len(sides)
         loss = loss + _THETA_WEIGHT * ((theta - first.theta)[:, 1:] ** 2).sum() + _BETA_WEIGHT * (beta**2).sum()
         loss = loss + 4 * len(sides) * (offsets * 1000 / _OFFSET_MM).pow(2).mean()

@@ -59,7 +59,7 @@ def fitted_to_outlines(
     hands: RigHands,
     cameras: Sequence[Camera],
     outlines: ViewOutlines,
-    targets: Sequence[LandmarkTargets],
+    targets: LandmarkTargets,
     held_out: Collection[int] = (),
     rounds: int = ROUNDS,
 ) -> RigFit:
@@ -76,7 +76,7 @@ def fitted_to_outlines(
     """
     stacked, fit = RigCameras.of(cameras), start
     rows = [row for row in range(len(cameras)) if row not in held_out]
-    own = [target for target in targets if target.view not in held_out]
+    own = targets.in_views(rows)
     for number in range(rounds):
         pairs = paired(fit, hands, cameras, outlines, rows, reach_mm(number))
         fit = _moved(fit, start, hands, stacked, pairs, own, frozenset(rows))
@@ -88,13 +88,13 @@ def with_turned_cameras(
     hands: RigHands,
     cameras: Sequence[Camera],
     outlines: ViewOutlines,
-    targets: Sequence[LandmarkTargets],
+    targets: LandmarkTargets,
     rows: Collection[int],
     offset: Tensor | None = None,
 ) -> RigFit:
     """Turn the cameras of these rows to their outlines and landmarks; the hands rest."""
     stacked, rows = RigCameras.of(cameras), sorted(rows)
-    own = [target for target in targets if target.view in rows]
+    own = targets.in_views(rows)
     with torch.no_grad():
         shown = hands.show(fit.parameters, offset)
     for number in range(HELD_OUT_ROUNDS if rows else 0):
@@ -145,7 +145,7 @@ def picture_loss(
     turns: Tensor,
     cameras: RigCameras,
     pairs: PairedViews,
-    targets: Sequence[LandmarkTargets],
+    targets: LandmarkTargets | None,
     across_mm: float = ACROSS_MM,
 ) -> Tensor:
     """Sum the robust residuals of outlines and landmarks, each the mean of the views'."""
@@ -155,9 +155,9 @@ def picture_loss(
         robust = across_mm**2 * ((1 + (across / across_mm) ** 2).sqrt() - 1).mean()
         along = (along**2).clamp(max=_MOST_ALONG_MM2).mean()
         loss = loss + (_ACROSS_WEIGHT * robust + _ALONG_WEIGHT * along) / count
-    for target in targets:
-        off = target.off_mm(cameras, landmarks, turns) / _LANDMARK_MM
-        loss = loss + _LANDMARK_WEIGHT * torch.log1p(off**2).mean() / len(targets)
+    if targets is not None and len(targets.view):
+        off = targets.off_mm(cameras, landmarks, turns) / _LANDMARK_MM
+        loss = loss + _LANDMARK_WEIGHT * torch.log1p(off**2).mean()
     return loss
 
 
@@ -167,7 +167,7 @@ def _moved(
     hands: RigHands,
     cameras: RigCameras,
     pairs: PairedViews,
-    targets: Sequence[LandmarkTargets],
+    targets: LandmarkTargets,
     rows: frozenset[int],
 ) -> RigFit:
     """Move hands and cameras towards one round's pairs."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from ...geometry.rotation import axis_angle_to_matrix
@@ -47,6 +47,15 @@ class RigCameras(NamedTuple):
         in_camera = (points - self.origin[row]) @ rotation.T
         homogeneous = in_camera @ self.K[row].T
         return homogeneous[:, :2] / homogeneous[:, 2:].clamp(min=_NEAREST_M), in_camera[:, 2]
+
+    def project_by_views(
+        self, points: Float[Tensor, "O N 3"], rows: Int[Tensor, " O"], turns: Float[Tensor, "C 3"]
+    ) -> Float[Tensor, "O N 2"]:
+        """Project each view's world points, m, by the cameras of these rows, turned, to px."""
+        rotation = (turned_frames(turns) @ self.world2camera)[rows]
+        in_camera = (points - self.origin[rows][:, None]) @ rotation.transpose(1, 2)
+        homogeneous = in_camera @ self.K[rows].transpose(1, 2)
+        return homogeneous[..., :2] / homogeneous[..., 2:].clamp(min=_NEAREST_M)
 
     def px_per_m(self, row: int, points: Float[Tensor, "N 3"]) -> float:
         """Compute how large a metre is at the points' mean depth, px."""

@@ -6,7 +6,7 @@ Hands of both sides are posed as right hands at once; a left one is mirrored, as
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -88,6 +88,21 @@ class RigHands:
             tips=torch.as_tensor(tip_vertices(right)),
             mirror=torch.as_tensor(mirror, dtype=torch.float32),
         )
+
+    def of_landmarks_alone(self) -> RigHands:
+        """Leave only the vertices that landmarks need: 5 tips, and one in each of the 16 joints at rest."""
+        skin, tips, count = self.skin, self.tips, len(self.skin.parents)
+        at_joints = torch.einsum("jv,vck->jck", skin.J_regressor, skin.shapedirs)
+        alone = SkinTensors(
+            v_template=torch.cat([skin.v_template[tips], skin.J_regressor @ skin.v_template]),
+            lbs_weights=torch.cat([skin.lbs_weights[tips], torch.eye(count)]),
+            J_regressor=torch.cat([torch.zeros(count, len(tips)), torch.eye(count)], 1),
+            shapedirs=torch.cat([skin.shapedirs[tips], at_joints]),
+            posedirs=torch.cat([skin.posedirs[tips], torch.zeros(count, *skin.posedirs.shape[1:])]),
+            arm_weights=torch.cat([skin.arm_weights[tips], torch.zeros(count)]),
+            parents=skin.parents,
+        )
+        return replace(self, skin=alone, tips=torch.arange(len(tips)))
 
     def parameters(self, poses: Mapping[Side, HandPose]) -> HandParameters:
         """Stack poses; the shape is the mean of theirs."""

@@ -69,7 +69,7 @@ def fitted_offsets(
     hands: RigHands,
     cameras: Sequence[Camera],
     outlines: ViewOutlines,
-    targets: Sequence[LandmarkTargets],
+    targets: LandmarkTargets,
     held_out: Collection[int] = (),
     vertex_targets: TargetsOf | None = None,
     offset_m: Float[Tensor, "S V"] | None = None,
@@ -100,7 +100,7 @@ def fitted_offsets(
 
         def picture(parameters: HandParameters, offset_m: Tensor, turns: Tensor) -> Tensor:
             shown = hands.show(parameters, normals * offset_m[..., None])  # noqa: B023
-            loss = picture_loss(shown.all_vertices, shown.landmarks, turns, stacked, pairs, (), _ACROSS_MM)  # noqa: B023
+            loss = picture_loss(shown.all_vertices, shown.landmarks, turns, stacked, pairs, None, _ACROSS_MM)  # noqa: B023
             return loss + _target_loss(shown.vertices, turns, stacked, given)  # noqa: B023
 
         state = _moved(state, start, picture, laplacian, hands.skin.arm_weights)
