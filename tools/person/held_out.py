@@ -110,7 +110,8 @@ def best_gains(rendered: Float[np.ndarray, "P 3"], shown: Float[np.ndarray, "P 3
         design = np.stack([x, np.ones_like(x)], 1)
         is_free = target < _CLIPPED
         starts = [np.array([np.median(target / np.maximum(x, 0.02)), 0.0])]
-        starts += [np.linalg.lstsq(design[rows], target[rows])[0] for rows in (is_free | True, is_free) if rows.sum() > 2]
+        rows = [part for part in (is_free | True, is_free) if part.sum() > 2]
+        starts += [np.linalg.lstsq(design[part], target[part])[0] for part in rows]
         fits = [least_squares(lambda s: (design @ s).clip(0, 1) - target, start) for start in starts]  # noqa: B023
         found.append(min(fits, key=lambda fit: fit.cost).x)
     return np.array(found)

@@ -1,11 +1,12 @@
 """Makes persons from a rig's pictures of real hands, and prints how near they come to cameras held out.
 
-    python -m livehand.tools.person.rig_gate FOLDER --held-out 4 9 15 --sheet DIR
+It runs as `python -m livehand.tools.person.rig_gate FOLDER --held-out 4 9 15 --sheet DIR`.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,7 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     started, distance = time.monotonic(), _lpips(args.lpips)
 
     def say(line: str) -> None:
-        print(f"[{time.monotonic() - started:5.0f} s] {line}", flush=True)
+        sys.stdout.write(f"[{time.monotonic() - started:5.0f} s] {line}\n")
+        sys.stdout.flush()
 
     hands = pictures_of_rig(args.folder, args.held_out, say=say)
     base, family = _shipped()

@@ -169,8 +169,7 @@ def _best_supported(finds: Sequence[Find], matrices: np.ndarray) -> list[Find] |
     for one, other in combinations(finds, 2):
         if one.view == other.view:
             continue
-        pair = [one, other]
-        points = triangulated(matrices[[find.view for find in pair]], np.stack([find.px for find in pair]), np.ones((2, 21)))
+        points = triangulated(matrices[[one.view, other.view]], np.stack([one.px, other.px]), np.ones((2, 21)))
         palm_m = np.linalg.norm(points[_WRIST] - points[_MIDDLE_KNUCKLE])
         if not _PALMS_M[0] < palm_m < _PALMS_M[1]:
             continue

@@ -76,7 +76,9 @@ def read_rig(folder: Path | str, instant: int = 0) -> tuple[RigView, ...]:
     else:
         views = _numbered_views(folder, _camera_file(folder))
     if len(views) < LEAST_VIEWS:
-        raise LiveHandError(f"{folder} must hold pictures of at least {LEAST_VIEWS} cameras, got {len(views)}; add views")
+        raise LiveHandError(
+            f"{folder} must hold pictures of at least {LEAST_VIEWS} cameras, got {len(views)}; add views"
+        )
     _check_metres(folder, [view.camera for view in views])
     return tuple(sorted(views, key=lambda view: view.camera_index))
 
@@ -98,7 +100,9 @@ def _camera_file(folder: Path) -> Path:
         if is_file(folder / name):
             return folder / name
     names = ", ".join(("transforms.json", *_CAMERA_FILES))
-    raise LiveHandError(f"{folder} must hold the cameras of its pictures ({names}), got none of these; calibrate the rig")
+    raise LiveHandError(
+        f"{folder} must hold the cameras of its pictures ({names}), got none of these; calibrate the rig"
+    )
 
 
 def _numbered_views(folder: Path, path: Path) -> list[RigView]:

@@ -145,7 +145,9 @@ class PairedViews(NamedTuple):
             row = torch.arange(total).repeat_interleave(3)
             index = torch.stack([row, torch.cat([part.corners for part in views]).flatten()])
             values = torch.cat([part.weights for part in views]).flatten()
-        return cls(views, torch.sparse_coo_tensor(index, values, (total, vertex_count), check_invariants=True).coalesce())
+        return cls(
+            views, torch.sparse_coo_tensor(index, values, (total, vertex_count), check_invariants=True).coalesce()
+        )
 
     def points(self, vertices: Float[Tensor, "V 3"]) -> list[Tensor]:
         """Find the outlines' points [P, 3] of each view, m."""

@@ -26,7 +26,7 @@ from .outline_fit import RigFit, ViewOutlines, fitted_to_outlines
 from .outlines import covered_pixels
 from .rig_cameras import RigCameras, turned
 from .rig_hands import RigHands
-from .self_calibration import calibrated, cameras_off_px
+from .self_calibration import OFF_PX, calibrated, cameras_off_px
 from .shape_offsets import OffsetFit, fitted_offsets
 from .view_masks import mesh_labels, overlap, relabelled, view_labels
 
@@ -98,10 +98,13 @@ def fitted_hands(
     own = [_without(hand, held_out) for hand in found]
     own = [hand for hand in own if len(hand.finds) >= LEAST_VIEWS]
     if not own:
-        raise LiveHandError(f"a hand must be seen by at least {LEAST_VIEWS} cameras that are not held out; hold out fewer")
+        raise LiveHandError(
+            f"a hand must be seen by at least {LEAST_VIEWS} cameras that are not held out; hold out fewer"
+        )
     kept = {hand.side: hand for hand in found if hand.side in {one.side for one in own}}
     calibration = calibrated(list(kept.values()), cameras, held_out)
-    say(f"landmarks: {np.nanmedian(calibration.error_px):.1f} px off, by camera {_by_name(names, calibration.error_px)}")
+    error_px = calibration.error_px
+    say(f"landmarks: {np.nanmedian(error_px):.1f} px off, by camera {_by_name(names, error_px)}")
     rows = [turned(camera, turn) for camera, turn in zip(cameras, calibration.turns, strict=True)]
     hands = RigHands.of(model, tuple(kept))
     poses = landmark_poses(own, rows, calibration.points, model).poses
@@ -120,7 +123,8 @@ def fitted_hands(
     stages.measure("offsets", state, labels)
     turns = state.fit.turns.double().numpy()
     off_px = cameras_off_px(turns, cameras)
-    say(f"cameras off, px: {({names[row]: round(off, 1) for row, off in off_px.items()})}")
+    off_by_name = {names[row]: round(off, 1) for row, off in off_px.items()}
+    say(f"cameras off by more than {OFF_PX:.0f} px: {off_by_name or 'none'}")
     meshes = stages.meshes(state)
     return FittedRig(
         poses=hands.poses(state.fit.parameters),
@@ -188,5 +192,7 @@ class _Stages:
         own = {side: np.array([overlap(*pair, side) for pair in pairs]) for side in self._hands.sides}
         self.overlaps[name] = own
         for side, values in own.items():
-            fitted, apart = (np.nanmean(values[part]) if part.any() else np.nan for part in (~self._is_held_out, self._is_held_out))
-            self._say(f"{name}, {side}: overlap {fitted:.3f}, held out {apart:.3f}, {_by_name(self._names, values * 100)}")
+            parts = values[~self._is_held_out], values[self._is_held_out]
+            fitted, apart = (np.nanmean(part) if np.isfinite(part).any() else np.nan for part in parts)
+            percent = _by_name(self._names, 100 * values)
+            self._say(f"{name}, {side}: overlap {fitted:.3f}, held out {apart:.3f}, by camera {percent} %")

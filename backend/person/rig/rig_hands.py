@@ -107,7 +107,12 @@ class RigHands:
     def parameters(self, poses: Mapping[Side, HandPose]) -> HandParameters:
         """Stack poses; the shape is the mean of theirs."""
         own = [poses[side] for side in self.sides]
-        arrays = ([p.theta for p in own], np.mean([p.beta for p in own], 0), [p.transl for p in own], [p.forearm for p in own])
+        arrays = (
+            [p.theta for p in own],
+            np.mean([p.beta for p in own], 0),
+            [p.transl for p in own],
+            [p.forearm for p in own],
+        )
         return HandParameters(*(torch.as_tensor(np.array(array), dtype=torch.float32) for array in arrays))
 
     def poses(self, parameters: HandParameters) -> dict[Side, HandPose]:

@@ -63,7 +63,8 @@ def calibrated(
     is_held_out = np.isin(finds.view, list(held_out))
     points = np.stack([hand.points for hand in hands])
     turns = _turned_at_first(finds, points)
-    turns, points = _bundle(finds.at(~is_held_out), turns * ~np.isin(np.arange(len(cameras)), list(held_out))[:, None], points)
+    turns[sorted(held_out)] = 0
+    turns, points = _bundle(finds.at(~is_held_out), turns, points)
     for row in sorted(held_out):
         own = finds.at(finds.view == row)
         if len(own.view):
@@ -71,8 +72,8 @@ def calibrated(
             start[row] = _turned_at_first(own, points)[row]
             turns[row] = _bundle(own, start, points, moves_points=False)[0][row]
     off = np.linalg.norm(finds.residuals(turns, points)[0], axis=-1)
-    error_px = [np.median(off[finds.view == row]) if (finds.view == row).any() else np.nan for row in range(len(cameras))]
-    return Calibration(turns, points, np.array(error_px))
+    own = [off[finds.view == row] for row in range(len(cameras))]
+    return Calibration(turns, points, np.array([np.median(part) if part.size else np.nan for part in own]))
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """Which pixels of a view are the right hand's, the left hand's, their forearms', or not known.
 
 The posed meshes say where hands may be, GrabCut seeded by them finds the edge of skin, and the nearest mesh says whose
-skin it is. What one hand hides of the other, and forearms, are `UNKNOWN` to that other: neither its skin nor free of it.
+skin it is. What one hand hides of the other, and forearms, are `UNKNOWN` to that other: neither its skin nor free of
+it.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from .rig_hands import RigHands
 FREE, RIGHT, LEFT, ARM = 0, 1, 2, 3
 """Labels of a view's pixels, for all hands."""
 LABEL_OF: Mapping[Side, int] = {"right": RIGHT, "left": LEFT}
-_CORE_MM, _NEAR_MM, _SKIN_MM = 4.0, 10.0, 7.0  # of the mesh: inside it is skin; beyond, none; within, skin if it looks so
+_CORE_MM = 4.0  # inside the mesh: skin
+_NEAR_MM, _SKIN_MM = 10.0, 7.0  # outside the mesh: none beyond it; within, skin where it looks so
 _JOINED_MM = 9.0  # skin farther from every mesh is somebody else's
 _MARGIN_MM = 30.0  # around the hands, that GrabCut sees
 _BINS, _BLUR_BINS = 16, 0.7  # of a colour channel
@@ -33,7 +35,11 @@ _BORDER_MM = 2.0  # at another hand or forearm, whose pixels' colours are mixed
 
 
 def view_labels(
-    rgb: UInt8[np.ndarray, "H W 3"], vertices: Float[np.ndarray, "V 3"], hands: RigHands, camera: Camera, px_per_mm: float
+    rgb: UInt8[np.ndarray, "H W 3"],
+    vertices: Float[np.ndarray, "V 3"],
+    hands: RigHands,
+    camera: Camera,
+    px_per_mm: float,
 ) -> UInt8[np.ndarray, "H W"]:
     """Label all pixels `FREE`, `RIGHT`, `LEFT` or `ARM`.
 
@@ -54,9 +60,7 @@ def view_labels(
     return labels
 
 
-def relabelled(
-    labels: UInt8[np.ndarray, "H W"], mesh: UInt8[np.ndarray, "H W"]
-) -> UInt8[np.ndarray, "H W"]:
+def relabelled(labels: UInt8[np.ndarray, "H W"], mesh: UInt8[np.ndarray, "H W"]) -> UInt8[np.ndarray, "H W"]:
     """Give skin that was found before to the nearest mesh of a later fit."""
     if not (mesh > FREE).any():
         return labels
@@ -80,7 +84,9 @@ def mesh_labels(covered: CoveredPixels, hands: RigHands) -> UInt8[np.ndarray, "H
     return of_face[covered.face]
 
 
-def hand_labels(labels: UInt8[np.ndarray, "H W"], side: Side, mesh: UInt8[np.ndarray, "H W"], px_per_mm: float) -> np.ndarray:
+def hand_labels(
+    labels: UInt8[np.ndarray, "H W"], side: Side, mesh: UInt8[np.ndarray, "H W"], px_per_mm: float
+) -> np.ndarray:
     """Convert a view's labels to one hand's `BACKGROUND`, `HAND` and `UNKNOWN`.
 
     Args:
