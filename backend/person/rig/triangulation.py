@@ -19,8 +19,8 @@ def projections(cameras: Sequence[Camera]) -> Float[np.ndarray, "C 3 4"]:
 
 
 def projected(
-    matrices: Float[np.ndarray, "*b 3 4"], points: Float[np.ndarray, "*b N 3"]
-) -> tuple[Float[np.ndarray, "*b N 2"], Float[np.ndarray, "*b N"]]:
+    matrices: Float[np.ndarray, "*#b 3 4"], points: Float[np.ndarray, "*#b N 3"]
+) -> tuple[Float[np.ndarray, "... N 2"], Float[np.ndarray, "... N"]]:
     """Project points to px, with their depth (of matrices whose last rows are unit); leading axes broadcast."""
     homogeneous = points @ np.swapaxes(matrices[..., :3], -1, -2) + matrices[..., None, :, 3]
     depth = homogeneous[..., 2]
