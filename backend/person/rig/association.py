@@ -196,7 +196,7 @@ def _supporters(points: np.ndarray, finds: Sequence[Find], matrices: np.ndarray)
         is_in_front = bool((depth[find.view] > 0).all())
         if share > 0 and is_in_front and share > support.get(find.view, (0.0, find))[0]:
             support[find.view] = share, find
-    return [find for _, find in support.values()], sum(share for share, _ in support.values())
+    return [find for _, find in support.values()], sum((share for share, _ in support.values()), 0.0)
 
 
 def _agreed_points(finds: Sequence[Find], matrices: np.ndarray) -> np.ndarray:

@@ -49,7 +49,7 @@ class MadeRig:
     def found(self, noise_px=0.0, seed=0) -> list[AssociatedHand]:
         """All hands with their finds in all views."""
         rng, hands = np.random.default_rng(seed), []
-        for (side, points) in zip(self.poses, self.points, strict=True):
+        for side, points in zip(self.poses, self.points, strict=True):
             px = [camera.project(points)[0] + rng.normal(0, noise_px, (21, 2)) for camera in self.cameras]
             finds = tuple(Find(row, place, float(side == "right")) for row, place in enumerate(px))
             hands.append(AssociatedHand(side, finds, points + rng.normal(0, noise_px * 1e-4, points.shape)))
@@ -75,12 +75,16 @@ def made_rig():
     """Two open hands apart, and cameras around them."""
     model = load_default_hand()
     places = {"right": (0.09, 0.0, 0.01), "left": (-0.09, 0.01, 0.0)}
-    poses = {side: made_pose(model, side, name, places[side]) for side, name in (("right", "Open"), ("left", "Relaxed"))}
+    poses = {
+        side: made_pose(model, side, name, places[side]) for side, name in (("right", "Open"), ("left", "Relaxed"))
+    }
     angles = np.deg2rad(np.arange(8) * 45.0 + 10)
     heights = np.array([0.25, 0.05, -0.2, 0.3, 0.0, 0.28, -0.25, 0.1])
     places = [0.62 * np.array([np.cos(a), np.sin(a), h]) for a, h in zip(angles, heights, strict=True)]
     K = np.array([[FOCAL_PX, 0, SIZE_PX[0] / 2], [0, FOCAL_PX, SIZE_PX[1] / 2], [0, 0, 1.0]])
-    return MadeRig(model, poses, tuple(Camera(K, look_at(at, np.zeros(3), np.array([0, 0, 1.0])), SIZE_PX) for at in places))
+    return MadeRig(
+        model, poses, tuple(Camera(K, look_at(at, np.zeros(3), np.array([0, 0, 1.0])), SIZE_PX) for at in places)
+    )
 
 
 def made_pose(model, side, name, place) -> HandPose:
