@@ -111,7 +111,7 @@ def best_gains(rendered: Float[np.ndarray, "P 3"], shown: Float[np.ndarray, "P 3
         is_free = target < _CLIPPED
         starts = [np.array([np.median(target / np.maximum(x, 0.02)), 0.0])]
         rows = [part for part in (is_free | True, is_free) if part.sum() > 2]
-        starts += [np.linalg.lstsq(design[part], target[part])[0] for part in rows]
+        starts += [np.linalg.lstsq(design[part], target[part], rcond=None)[0] for part in rows]
         fits = [least_squares(lambda s: (design @ s).clip(0, 1) - target, start) for start in starts]  # noqa: B023
         found.append(min(fits, key=lambda fit: fit.cost).x)
     return np.array(found)

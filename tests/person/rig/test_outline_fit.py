@@ -36,7 +36,7 @@ def mean_error_m(rig, parameters):
 
 
 def test_the_truth_costs_next_to_nothing_and_what_is_off_costs_more(made_rig, exact):
-    fit, outlines, targets = exact
+    fit, outlines, _ = exact
     stacked, hands = RigCameras.of(made_rig.cameras), made_rig.hands
     costs = []
     for shift in (0.0, 0.003):

@@ -27,7 +27,7 @@ def targets_of(rig):
 
 
 def test_outlines_give_offsets_and_the_forearm_has_none(made_rig, swollen):
-    fit, truth, shown = swollen
+    fit, _, shown = swollen
     labels = made_rig.labels(shown.all_vertices.double().numpy())
     outlines = ViewOutlines.of(labels, [SCALE] * 8)
     found = fitted_offsets(fit, made_rig.hands, made_rig.cameras, outlines, targets_of(made_rig))

@@ -39,7 +39,7 @@ def test_skin_is_found_by_its_colours_though_the_mesh_is_off(made_rig, row):
 
 def test_a_hand_that_is_not_in_the_picture_leaves_it_free(made_rig):
     view = made_rig.views()[0]
-    labels = view_labels(view.rgb, made_rig.vertices + (0, 0, 5.0), made_rig.hands, view.camera, SCALE)
+    labels = view_labels(view.rgb, made_rig.vertices + np.array([0, 0, 5.0]), made_rig.hands, view.camera, SCALE)
     assert (labels == FREE).all()
 
 
