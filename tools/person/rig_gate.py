@@ -19,9 +19,9 @@ from ...backend.avatars.file import load_avatar
 from ...backend.avatars.library import shipped_avatar_path
 from ...backend.evaluation.perceptual.lpips import load_lpips
 from ...backend.hand.model_file import load_default_hand
+from ...backend.person.hand_picture import PicturedHand
 from ...backend.person.making import MakingOptions, made_person, skin_family
 from ...backend.person.model import PersonModel
-from ...backend.person.picture import PicturedHand
 from ...backend.person.rig.pictures_of_rig import pictures_of_rig
 from ...backend.records.side import Side
 from .held_out import Distance, HeldOutFigures, measured

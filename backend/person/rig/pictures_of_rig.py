@@ -17,7 +17,7 @@ from ...records.camera import Camera
 from ...records.errors import LiveHandError
 from ...records.side import Side
 from ...tracking.weights import TrackerNetworks, load_networks
-from ..picture import HAND, HandPicture, PicturedHand
+from ..hand_picture import HAND, HandPicture, PicturedHand
 from .calibration import LEAST_VIEWS, RigView, read_rig
 from .rig_fit import FittedRig, Say, fitted_rig
 from .view_masks import LABEL_OF, hand_labels
