@@ -70,7 +70,7 @@ def _shipped():
 def _lpips(files: Sequence[Path] | None) -> Distance | None:
     if files is None:
         return None
-    network = load_lpips(*files)
+    network = load_lpips(files[0], files[1])
 
     def distance(one: np.ndarray, other: np.ndarray) -> float:
         batch = [torch.as_tensor(image, dtype=torch.float32).permute(2, 0, 1)[None] for image in (one, other)]
@@ -95,8 +95,8 @@ def _report(name: str, side: Side, model: PersonModel, hand: PicturedHand, light
                     sheet / f"{name.replace(' ', '_')}_{picture.camera_index:02d}.png"
                 )
     if rows:
-        means = [float(np.mean([row[index] for row in rows.values()])) for index in range(4)]
-        say(f"{name}, mean: {_text(HeldOutFigures(*means, (0.0, 0.0)))}")
+        mask_db, inner_db, iou, lpips = np.mean([row[:4] for row in rows.values()], 0).tolist()
+        say(f"{name}, mean: {_text(HeldOutFigures(mask_db, inner_db, iou, lpips, (0.0, 0.0)))}")
 
 
 def _text(figures: HeldOutFigures) -> str:

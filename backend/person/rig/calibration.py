@@ -106,7 +106,7 @@ def _camera_file(folder: Path) -> Path:
 
 
 def _numbered_views(folder: Path, path: Path) -> list[RigView]:
-    arrays: Mapping[str, Any] = read_json(path) if path.suffix == ".json" else read_npz(path)
+    arrays: Any = read_json(path) if path.suffix == ".json" else read_npz(path)
     if not isinstance(arrays, Mapping):
         raise LiveHandError(f"{path} must hold int_K and ext_K by name, got a {type(arrays).__name__}")
     numbers = sorted(int(match[1]) for name in arrays if (match := re.fullmatch(r"int_(\d{1,6})", name)))
