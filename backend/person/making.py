@@ -127,11 +127,13 @@ def person_of_pictures(
 
     Early rounds see fewer pictures on a coarser atlas: they only bring poses, light and skin near enough for the next.
     """
+    if hand.is_calibrated:
+        options = replace(options, with_flow=False, fits_poses=False)
     early = replace(options, resolution=_EARLY_RESOLUTION, rounds=1, pictures=_EARLY_PICTURES)
-    base = bases.nearest(_FIRST_MELANIN)
-    for refits in _EARLY_REFITS if options.fits_poses else ():
+    base = shaped(bases.nearest(_FIRST_MELANIN), hand)
+    for refits in _EARLY_REFITS if options.fits_poses else (0,):
         made = made_person(base, hand, bases.family, early, log)
-        base = bases.nearest(made.completed.numbers.melanin)
+        base = shaped(bases.nearest(made.completed.numbers.melanin), hand)
         for _ in range(refits):
             refit = refitted(made.model, hand.pictures, made.lights)
             log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
@@ -141,6 +143,11 @@ def person_of_pictures(
 
 _EARLY_RESOLUTION, _EARLY_PICTURES, _EARLY_REFITS = 512, 16, (2, 2)
 _FIRST_MELANIN = 0.4
+
+
+def shaped(model: PersonModel, hand: PicturedHand) -> PersonModel:
+    """Return the model in the hand's own shape, where it is known."""
+    return model if hand.offset_m is None else model.with_offset(hand.offset_m)
 
 
 def _melanin(model: PersonModel) -> float:

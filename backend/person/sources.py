@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,8 @@ from ..hand.model import HandModel
 from ..records.errors import LiveHandError
 from ..records.side import Side
 from .hand_picture import BACKGROUND, HAND, UNKNOWN, HandPicture, PicturedHand
+from .rig.calibration import has_cameras
+from .rig.pictures_of_rig import pictures_of_rig
 
 FILM_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".mts", ".ts")
 _MOST_PICTURES = 40
@@ -31,6 +33,9 @@ def pictured_hand(
         return pictures_of_capture(source, model, _MOST_PICTURES)
     from ..tracking.weights import load_networks
 
+    if has_cameras(source):
+        return _hand_of_rig(pictures_of_rig(source, networks=load_networks(weights), model=model, say=log), side)
+
     if source.is_file() and source.suffix.lower() in FILM_SUFFIXES:
         from .film import pictures_of_film
 
@@ -40,9 +45,16 @@ def pictured_hand(
 
         return pictures_of_photographs(source, model, log, side, load_networks(weights))
     raise LiveHandError(
-        f"{source} must be a film ({', '.join(FILM_SUFFIXES)}), a folder of photographs (.jpg, .png) or a capture "
-        "(with transforms.json); check the path"
+        f"{source} must be a film ({', '.join(FILM_SUFFIXES)}), a folder of photographs (.jpg, .png), pictures of "
+        "calibrated cameras (with cameras.json) or a capture (with transforms.json); check the path"
     )
+
+
+def _hand_of_rig(hands: Mapping[Side, PicturedHand], side: Side | None) -> PicturedHand:
+    """Choose a hand: the wanted one, or the one that more cameras show."""
+    if side is not None and side not in hands:
+        raise LiveHandError(f"--side must name a hand that the cameras show, got {side}; they show {', '.join(hands)}")
+    return hands[side] if side else max(hands.values(), key=lambda hand: len(hand.pictures))
 
 
 def pictures_of_capture(folder: Path, model: HandModel, most: int) -> PicturedHand:

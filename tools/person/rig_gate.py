@@ -15,13 +15,12 @@ import numpy as np
 import torch
 from PIL import Image
 
-from ...backend.avatars.file import load_avatar
-from ...backend.avatars.library import shipped_avatar_path
 from ...backend.evaluation.perceptual.lpips import load_lpips
 from ...backend.hand.model_file import load_default_hand
 from ...backend.person.hand_picture import PicturedHand
-from ...backend.person.making import MakingOptions, made_person, skin_family
+from ...backend.person.making import MakingOptions, made_person
 from ...backend.person.model import PersonModel
+from ...backend.person.person_avatar import shipped_bases
 from ...backend.person.rig.pictures_of_rig import pictures_of_rig
 from ...backend.records.side import Side
 from .held_out import Distance, HeldOutFigures, measured
@@ -62,9 +61,8 @@ def _parser() -> argparse.ArgumentParser:
 
 def _shipped():
     """Load the base, and the family of skins."""
-    hand = load_default_hand()
-    light, deep = (PersonModel.of(load_avatar(shipped_avatar_path(name)), hand) for name in ("light", "deep"))
-    return light, skin_family(light, deep)
+    bases = shipped_bases(load_default_hand())
+    return bases.nearest(0.0), bases.family
 
 
 def _lpips(files: Sequence[Path] | None) -> Distance | None:

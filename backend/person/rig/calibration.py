@@ -58,6 +58,11 @@ class RigView:
     camera_index: int
 
 
+def has_cameras(folder: Path) -> bool:
+    """Return whether a folder has pictures' cameras beside them, other than a capture's."""
+    return any((folder / name).is_file() for name in _CAMERA_FILES)
+
+
 def read_rig(folder: Path | str, instant: int = 0) -> tuple[RigView, ...]:
     """Read pictures and cameras, sorted by the camera's number.
 

@@ -75,7 +75,7 @@ def pictured_hands(
         found = [_picture(view, row, side, fitted, row in held_out) for row, view in enumerate(views)]
         pictures = tuple(picture for picture in found if picture is not None)
         if sum(not picture.is_held_out for picture in pictures) >= LEAST_VIEWS:
-            hands[side] = PicturedHand(pictures, side, source, fitted.offset_m[side])
+            hands[side] = PicturedHand(pictures, side, source, fitted.offset_m[side], is_calibrated=True)
     if not hands:
         raise LiveHandError(
             f"a hand must be shown free by at least {LEAST_VIEWS} cameras, got fewer; turn or free it, or add cameras"
