@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 import torch
 from scipy import ndimage, sparse
+from torch import Tensor
 
 from ..geometry.rasterise import rasterise
-from ..surface.detail_mesh import DetailTemplate
 
 
 @dataclass(frozen=True)
@@ -32,17 +32,17 @@ class AtlasTexels:
     faces: np.ndarray
 
     @classmethod
-    def of(cls, template: DetailTemplate, resolution: int) -> AtlasTexels:
-        """Find the texels of a surface."""
-        corner_px = template.corner_uv.reshape(-1, 2) * resolution
+    def of(cls, corner_uv: Tensor, faces: Tensor, resolution: int) -> AtlasTexels:
+        """Find the texels of a surface by its corners' coordinates [M, 3, 2] and faces [M, 3]."""
+        corner_px = corner_uv.reshape(-1, 2) * resolution
         alone = torch.arange(len(corner_px)).reshape(-1, 3)
         found = rasterise(corner_px, torch.ones(len(corner_px)), alone, (resolution, resolution))
         pixel, first = np.unique(found.pixel.numpy(), return_index=True)
         face = found.face.numpy()[first]
         centre = np.stack([pixel % resolution, pixel // resolution], 1) + 0.5
         weights = _barycentric(corner_px.reshape(-1, 3, 2).numpy()[face].astype(np.float64), centre)
-        faces = template.faces.numpy()
-        return cls(resolution, pixel, faces[face], weights.astype(np.float32), faces)
+        vertices = faces.numpy()
+        return cls(resolution, pixel, vertices[face], weights.astype(np.float32), vertices)
 
     def at_texels(self, values: np.ndarray) -> np.ndarray:
         """Interpolate values [N, C] of vertices at the texels [T, C]."""

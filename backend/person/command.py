@@ -14,7 +14,6 @@ from ..system.command import Command
 
 if TYPE_CHECKING:
     from .review import PersonFigures
-    from .sources import pictured_hand
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,6 +46,7 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
     from .making import MakingOptions, person_of_pictures
     from .person_avatar import person_avatar, shipped_bases
     from .review import held_out_figures, write_sheet
+    from .sources import pictured_hand
 
     if args.output.suffix.lower() != ".safetensors":
         raise LiveHandError(f"an avatar must be written to a .safetensors file, got {args.output.name}")

@@ -13,7 +13,7 @@ from ..capture.masks.mask import load_opencv
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..motion.landmarks.take_file import FilmedTake
-from ..motion.landmarks.take_fit import HandFrames
+from ..motion.landmarks.take_fit import FilmedHand
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.side import Side
@@ -25,7 +25,8 @@ from ..tracking.turning_hand.filmed_capture import hand_to_capture, looked_at
 from ..tracking.turning_hand.frame_choice import chosen_frames
 from ..tracking.turning_hand.hand_frames import film_camera, frames_of, hand_frames
 from ..tracking.turning_hand.take_shape import fit_with_shape
-from ..tracking.turning_hand.window import camera_of, image_of, window_around
+from ..tracking.turning_hand.window import Window, camera_of, image_of, window_around
+from .backdrop import backdrop_gains, backdrop_sample
 from .hand_picture import HandPicture, PicturedHand
 from .other_hands import in_window
 from .skin_masks import labelled
@@ -95,18 +96,22 @@ def pictures_of_film(
         for pose in poses
     ]
     images: list[np.ndarray] = [np.empty(0)] * len(poses)
+    backdrops: list[np.ndarray] = [np.empty(0)] * len(poses)
     crowd: list[Sequence[TrackedHand]] = []
     still = StillTracker(networks)
     step = max(1, len(poses) // _CROWD_SAMPLES)
     for index, picture in frames_of(play, chosen.frames):
         shown = picture[:, ::-1] if chosen_side == "left" else picture
         images[index] = np.ascontiguousarray(image_of(shown, windows[index]))
+        backdrops[index] = backdrop_sample(shown, _box_px(windows[index]))
         crowd += [still.hands(picture)] if index % step == 0 else []
     check_one_person(path, crowd)
     cameras = [camera_of(camera, window) for window in windows]
     progress(f"masking {len(poses)} pictures")
     others_px = _others_px(take, chosen_side, chosen.frames, camera, cameras)
     labels = labelled(images, poses, cameras, right, others_px)
+    gains = backdrop_gains(backdrops)
+    log_gains = np.zeros((len(poses), 3)) if gains is None else gains
     pictures = tuple(
         HandPicture(
             f"{path.name}, {take.times[frame]:.2f} s",
@@ -115,6 +120,7 @@ def pictures_of_film(
             its_camera,
             pose,
             is_held_out=is_held_out(index, len(poses)),
+            log_gain=tuple(log_gains[index].tolist()),
         )
         for index, (frame, image, label, its_camera, pose) in enumerate(
             zip(chosen.frames.tolist(), images, labels, cameras, poses, strict=True)
@@ -136,7 +142,7 @@ def _others_px(
     ]
 
 
-def _at(hand: HandFrames, frame: int) -> np.ndarray:
+def _at(hand: FilmedHand, frame: int) -> np.ndarray:
     return np.flatnonzero(hand.frames == frame)
 
 
@@ -159,6 +165,11 @@ def check_one_person(path: Path, found: Sequence[Sequence[TrackedHand]]) -> None
         raise LiveHandError(
             f"{path} must show one person, got {max(counts)} hands in one picture; film one person's hand alone"
         )
+
+
+def _box_px(window: Window) -> np.ndarray:
+    """Return a window's (left, top, right, bottom), px."""
+    return np.array([window.x, window.y, window.x + window.size_px[0], window.y + window.size_px[1]])
 
 
 def _moves(change: float | None) -> str | None:

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..capture.masks.mask import load_opencv
-from ..capture.picture import linear_to_srgb, srgb_to_linear
 from ..geometry.tolerances import NEAR_M
 from .atlas import AtlasTexels
 from .flow import bilinear, flow_between, nearest
@@ -148,14 +147,14 @@ def _sighting(
     frame = model.rendered(picture.pose, picture.camera, light.light)
     seen = model.seen(picture.pose, picture.camera)
     encoded = picture.rgb.astype(np.float32) / 255
-    shown = srgb_to_linear(encoded)
+    shown = picture.linear
     rendered = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)
     place = _ProjectedTexels.of(texels, seen, picture, usual_px_per_mm)
     flow_px = np.zeros((*shown.shape[:2], 2), np.float32)
     error_px = np.zeros(shown.shape[:2], np.float32)
     if with_flow:
         tinted = rendered * light.tint.astype(np.float32)
-        flow_px, error_px = _flow(tinted, frame.alpha, encoded, picture.labels)
+        flow_px, error_px = _flow(picture.encoded(tinted), frame.alpha, encoded, picture.labels)
     moved = place.px + bilinear(flow_px, place.px)
     usable, is_clipped = _usable(encoded, picture.labels)
     weight = place.weight * (bilinear(usable, moved) > 0.95)
@@ -227,10 +226,7 @@ def _flow(
     """Find the flow from what the model renders to the picture, both on a backdrop."""
     is_known = (labels != UNKNOWN).astype(np.float32)
     ours, theirs = alpha * is_known, (labels == HAND).astype(np.float32)
-    grey = [
-        picture.mean(-1) * mask + _BACKDROP * (1 - mask)
-        for picture, mask in ((linear_to_srgb(rendered), ours), (encoded, theirs))
-    ]
+    grey = [picture.mean(-1) * mask + _BACKDROP * (1 - mask) for picture, mask in ((rendered, ours), (encoded, theirs))]
     return flow_between(*grey)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..capture.picture import linear_to_srgb, srgb_to_linear
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.shot import HandPose
@@ -31,6 +32,7 @@ class HandPicture:
         pose: of the hand in that world, a right hand's.
         camera_index: pictures of one camera share its colours.
         scene: pictures of one scene share the light, which rests in its world.
+        log_gain: [3] logarithm of its exposure and white balance over those of the scene's other pictures, if known.
         is_held_out: kept from all fits but that of its own pose, to measure them.
     """
 
@@ -42,6 +44,7 @@ class HandPicture:
     camera_index: int = 0
     scene: int = 0
     is_held_out: bool = False
+    log_gain: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self):
         width, height = self.camera.size_px
@@ -52,6 +55,15 @@ class HandPicture:
             )
         if self.pose.side != "right":
             raise LiveHandError(f"{self.name} must be of a right hand, got a left one's pose; mirror the picture")
+
+    @property
+    def linear(self) -> np.ndarray:
+        """[H, W, 3] float32, scene-linear, in the exposure that all pictures of the scene share."""
+        return srgb_to_linear(self.rgb.astype(np.float32) / 255) / np.exp(np.array(self.log_gain, np.float32))
+
+    def encoded(self, linear: np.ndarray) -> np.ndarray:
+        """Encode linear colours as this picture's camera would."""
+        return linear_to_srgb((linear * np.exp(np.array(self.log_gain))).clip(0, 1).astype(np.float32))
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
 from ..capture.masks.mask import load_opencv
-from ..capture.picture import srgb_to_linear
 from ..records.light import Light, Sky, sky_directions
 from .hand_picture import HAND, HandPicture
 from .model import PersonModel
@@ -23,6 +22,7 @@ _SKY_SIZE = 16, 32
 _SHARPNESS = 6  # exponent of the cosine of a lobe
 _LEAST_RADIANCE = 1e-6
 _LEAST_FACING, _BRIGHTEST, _ERODED_PX = 0.4, 0.97, 5
+_LONGEST_PX = 300  # of a picture in which light is looked for
 _MOST_PIXELS = 6000  # of one picture
 _OUTLIER = 0.15  # relative error at which a pixel counts half
 _RIDGE = 1e-2
@@ -72,11 +72,11 @@ def sky_lobes() -> np.ndarray:
 def lit_pixels(
     model: PersonModel, pictures: Sequence[HandPicture], on_picture: Callable[[], None] = lambda: None
 ) -> LitPixels:
-    """Render pictures of a scene, at half size, in the light of every lobe."""
+    """Render pictures of a scene, made small, in the light of every lobe."""
     basis, shown, uv = [], [], []
     for picture in pictures:
-        camera = picture.camera.scaled(0.5)
-        linear, is_sure = _halved(picture, camera.size_px)
+        camera = picture.camera.scaled(min(0.5, _LONGEST_PX / max(picture.camera.size_px)))
+        linear, is_sure = _made_small(picture, camera.size_px)
         seen = model.seen(picture.pose, camera)
         is_sure &= seen.is_seen & (seen.facing > _LEAST_FACING) & _eroded(seen.is_seen)
         row, column = _spread_out(is_sure)
@@ -125,12 +125,13 @@ def _axes() -> np.ndarray:
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
 
-def _halved(picture: HandPicture, size_px: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return a picture of half the size, linear, and where it surely shows the hand, not clipped."""
+def _made_small(picture: HandPicture, size_px: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return a picture of this size, linear, and where it surely shows the hand, not clipped."""
     cv2 = load_opencv()
     encoded = cv2.resize(picture.rgb, size_px, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
+    linear = cv2.resize(picture.linear, size_px, interpolation=cv2.INTER_AREA)
     is_hand = cv2.resize((picture.labels == HAND).astype(np.float32), size_px, interpolation=cv2.INTER_AREA) > 0.9
-    return srgb_to_linear(encoded), _eroded(is_hand) & (encoded.max(-1) < _BRIGHTEST)
+    return linear, _eroded(is_hand) & (encoded.max(-1) < _BRIGHTEST)
 
 
 def _eroded(mask: np.ndarray) -> np.ndarray:

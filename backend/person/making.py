@@ -75,7 +75,7 @@ def made_person(
     base: PersonModel, hand: PicturedHand, family: ToneFamily, options: MakingOptions, log: Log = lambda line: None
 ) -> MadePerson:
     """Make a person from pictures whose poses are known well enough for flow to correct the rest."""
-    texels = AtlasTexels.of(base.template, options.resolution)
+    texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, options.resolution)
     pictures = _chosen([picture for picture in hand.pictures if not picture.is_held_out], options.pictures)
     base_log_albedo = family_at_base(base)
     pixels = _pixels_of_scenes(base, pictures, log)

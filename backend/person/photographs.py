@@ -15,7 +15,7 @@ from ..capture.masks.mask import load_opencv
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..motion.landmarks.take_file import FilmedTake
-from ..motion.landmarks.take_fit import FilmCamera, HandFrames
+from ..motion.landmarks.take_fit import FilmCamera, FilmedHand
 from ..motion.spaces import to_blender
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
@@ -238,7 +238,7 @@ def _as_take(shown: Sequence[_Shown], side: Side) -> FilmedTake:
         ]
     )
     world = np.stack([one.hand.world for one in shown])
-    hand = HandFrames(np.arange(len(shown)), px + np.array(_SHARED_SIZE_PX) / 2, world)
+    hand = FilmedHand(np.arange(len(shown)), px + np.array(_SHARED_SIZE_PX) / 2, world)
     return FilmedTake(FilmCamera(_SHARED_SIZE_PX, _SHARED_FOCAL_PX), np.arange(len(shown)) * 1.0, 1.0, {side: hand})
 
 

@@ -17,7 +17,6 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 from ..capture.masks.mask import load_opencv
-from ..capture.picture import linear_to_srgb
 from ..hand.lbs import SkinTensors, pose_hand, posed_vertices
 from ..records.camera import Camera
 from ..records.shot import HandPose
@@ -154,7 +153,7 @@ def pose_targets(model: PersonModel, picture: HandPicture, light: Illumination) 
     px, depth = picture.camera.project(vertices)
     rendered = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3) * light.tint
     is_known, is_hand = (picture.labels != UNKNOWN), picture.labels == HAND
-    ours = _grey(linear_to_srgb(rendered.astype(np.float32)), (seen.is_seen & is_known).astype(np.float32))
+    ours = _grey(picture.encoded(rendered), (seen.is_seen & is_known).astype(np.float32))
     theirs = _grey(picture.rgb.astype(np.float32) / 255, is_hand.astype(np.float32))
     flow = flow_between(ours, theirs, 1.5)
     visible = _visible_vertices(seen, px, depth)

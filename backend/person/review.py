@@ -100,7 +100,7 @@ def _pair(made: MadePerson, picture: HandPicture, lights: Mapping[int, Illuminat
     light = lights[picture.scene]
     frame = made.model.rendered(picture.pose, picture.camera, Light(sky=light.light.sky))
     straight = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3) * light.tint
-    ours = linear_to_srgb(straight.clip(0, 1).astype(np.float32))
+    ours = picture.encoded(straight)
     blended = ours * frame.alpha[..., None] + (picture.rgb / 255) * (1 - frame.alpha[..., None])
     return [_scaled(picture.rgb), _scaled((255 * blended).clip(0, 255).astype(np.uint8))]
 
