@@ -54,7 +54,7 @@ class LandmarkTargets(NamedTuple):
     px_per_mm: Tensor
 
     def off_mm(self, cameras: RigCameras, landmarks: Tensor, turns: Tensor) -> Float[Tensor, "O 21"]:
-        """Measure how far landmarks [S, 21, 3] m are projected off, mm at the hand, by cameras turned by [C, 3] rad."""
+        """Measure how far landmarks [S, 21, 3] m are projected off, mm at the hand, by cameras turned by [C, 4]."""
         px = cameras.project_by_views(landmarks[self.hand], self.view, turns)
         return (px - self.px).norm(dim=-1) / self.px_per_mm[:, None]
 
@@ -93,7 +93,7 @@ def landmark_poses(
     sides = tuple(start)
     rig, stacked = RigHands.of(model, sides).of_landmarks_alone(), RigCameras.of(cameras)
     targets, first = landmark_targets(hands, stacked), rig.parameters(start)
-    still = torch.zeros(len(cameras), 3)
+    still = torch.zeros(len(cameras), 4)
     theta, beta, transl = (values.clone().requires_grad_() for values in first[:3])
     offsets = torch.zeros(len(sides), 21, 3, requires_grad=True)
     groups = [{"params": [p], "lr": rate} for p, rate in zip((theta, beta, transl, offsets), _RATES, strict=True)]

@@ -35,7 +35,7 @@ _THETA_WEIGHT, _BETA_WEIGHT, _FOREARM_WEIGHT, _TURN_WEIGHT = 1.5, 0.02, 1.0, 0.0
 
 
 class RigFit(NamedTuple):
-    """Hands and cameras of a fit: parameters, and turns [C, 3] rad from the cameras of the files."""
+    """Hands and cameras of a fit: parameters, and turns [C, 4] from the cameras of the files."""
 
     parameters: HandParameters
     turns: Tensor
@@ -92,7 +92,7 @@ def with_turned_cameras(
     rows: Collection[int],
     offset: Tensor | None = None,
 ) -> RigFit:
-    """Turn the cameras of these rows to their outlines and landmarks; the hands rest."""
+    """Turn the cameras of these rows to their outlines and landmarks; the hands and the cameras' zooms rest."""
     stacked, rows = RigCameras.of(cameras), sorted(rows)
     own = targets.in_views(rows)
     with torch.no_grad():
@@ -108,6 +108,8 @@ def with_turned_cameras(
             optimizer.zero_grad()
             loss.backward()
             _keep_still(turns, rows)
+            if turns.grad is not None:
+                turns.grad[:, 3] = 0
             optimizer.step()
         fit = fit._replace(turns=turns.detach())
     return fit

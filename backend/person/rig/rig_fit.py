@@ -31,6 +31,7 @@ from .shape_offsets import OffsetFit, fitted_offsets
 from .view_masks import mesh_labels, overlap, relabelled, view_labels
 
 Say = Callable[[str], None]
+_ZOOMED_PERCENT = 1
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class FittedRig:
         labels: of all views, [H, W] as `view_masks` has them.
         meshes: the labels of the posed meshes alone.
         px_per_mm: px in a millimetre at the hands, of each view.
-        turns: [C, 3] rad from the cameras of the files.
+        turns: [C, 4] from the cameras of the files, as `rig_cameras` has them.
         off_px: rows of cameras that are off by more than 5 px, and by how much.
         overlaps: by stage and side, [C] intersection over union of mesh and skin.
     """
@@ -105,11 +106,12 @@ def fitted_hands(
     calibration = calibrated(list(kept.values()), cameras, held_out)
     error_px = calibration.error_px
     say(f"landmarks: {np.nanmedian(error_px):.1f} px off, by camera {_by_name(names, error_px)}")
-    rows = [turned(camera, turn) for camera, turn in zip(cameras, calibration.turns, strict=True)]
+    turns = np.pad(calibration.turns, ((0, 0), (0, 1)))  # landmarks tell no zoom
+    rows = [turned(camera, turn) for camera, turn in zip(cameras, turns, strict=True)]
     hands = RigHands.of(model, tuple(kept))
     poses = landmark_poses(own, rows, calibration.points, model).poses
     stages = _Stages(views, hands, names, held_out, say)
-    start = RigFit(hands.parameters(poses), torch.as_tensor(calibration.turns, dtype=torch.float32))
+    start = RigFit(hands.parameters(poses), torch.as_tensor(turns, dtype=torch.float32))
     state = OffsetFit(start, torch.zeros(len(hands.sides), len(hands.arm)))
     labels = stages.labels(state)
     targets = landmark_targets(list(kept.values()), RigCameras.of(cameras))
@@ -125,6 +127,9 @@ def fitted_hands(
     off_px = cameras_off_px(turns, cameras)
     off_by_name = {names[row]: round(off, 1) for row, off in off_px.items()}
     say(f"cameras off by more than {OFF_PX:.0f} px: {off_by_name or 'none'}")
+    zooms = {name: round(100 * zoom, 1) for name, zoom in zip(names, np.expm1(turns[:, 3]).tolist(), strict=True)}
+    zoomed = {name: percent for name, percent in zooms.items() if abs(percent) > _ZOOMED_PERCENT}
+    say(f"focal lengths off by more than {_ZOOMED_PERCENT} %: {zoomed or 'none'}")
     meshes = stages.meshes(state)
     return FittedRig(
         poses=hands.poses(state.fit.parameters),

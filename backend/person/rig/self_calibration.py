@@ -32,7 +32,7 @@ class Calibration:
     """Turns of all cameras, and what they were found by.
 
     Attributes:
-        turns: [C, 3] rad, as `rig_cameras` has them.
+        turns: [C, 3] rad: tilt, pan and roll.
         points: [S, 21, 3] m, world: landmarks of each hand.
         error_px: [C] median distance of the landmarks from where they are projected; NaN without any.
     """
@@ -42,7 +42,7 @@ class Calibration:
     error_px: np.ndarray
 
 
-def cameras_off_px(turns: Float[np.ndarray, "C 3"], cameras: Sequence[Camera]) -> dict[int, float]:
+def cameras_off_px(turns: Float[np.ndarray, "C N"], cameras: Sequence[Camera]) -> dict[int, float]:
     """List the rows of cameras that are off, with how far the middle of their picture moves, px."""
     focal_px = np.array([camera.K.diagonal()[:2].mean() for camera in cameras])
     moved_px = np.linalg.norm(turns[:, :2], axis=1) * focal_px

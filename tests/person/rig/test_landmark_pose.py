@@ -38,7 +38,7 @@ def test_targets_measure_millimetres_at_the_hand(made_rig):
     stacked = RigCameras.of(made_rig.cameras)
     targets = landmark_targets(made_rig.found(), stacked)
     landmarks = torch.as_tensor(made_rig.points, dtype=torch.float32)
-    still = torch.zeros(8, 3)
+    still = torch.zeros(8, 4)
     assert targets.off_mm(stacked, landmarks, still).numpy() == pytest.approx(np.zeros((16, 21)), abs=1e-3)
     nearer = landmarks + 0.003 * torch.as_tensor(made_rig.cameras[5].cam2world[:3, 0], dtype=torch.float32)
     own = targets.in_views([5])

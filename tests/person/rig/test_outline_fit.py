@@ -23,7 +23,7 @@ SCALES = [0.85] * 8
 def exact(made_rig):
     """The truth as a fit, the outlines that the truth shows, and rough landmarks."""
     hands, stacked = made_rig.hands, RigCameras.of(made_rig.cameras)
-    fit = RigFit(hands.parameters(made_rig.poses), torch.zeros(8, 3))
+    fit = RigFit(hands.parameters(made_rig.poses), torch.zeros(8, 4))
     return fit, ViewOutlines.of(made_rig.labels(), SCALES), landmark_targets(made_rig.found(3.0), stacked)
 
 
@@ -64,10 +64,12 @@ def test_outlines_bring_hands_back(made_rig, exact):
 def test_a_moved_camera_is_turned_back_and_one_held_out_too(made_rig, exact):
     fit, outlines, targets = exact
     wrong = list(made_rig.cameras)
-    wrong[1] = turned(wrong[1], np.array([0.0, 0.02, 0.0]))
-    wrong[6] = turned(wrong[6], np.array([0.015, 0.0, 0.0]))
+    wrong[1] = turned(wrong[1], np.array([0.0, 0.02, 0.0, 0.03]))
+    wrong[6] = turned(wrong[6], np.array([0.015, 0.0, 0.0, 0.0]))
     found = fitted_to_outlines(fit, made_rig.hands, wrong, outlines, targets, held_out=[6], rounds=3)
     assert found.turns[1, :2].numpy() == pytest.approx((0, -0.02), abs=4e-3)
+    assert found.turns[1, 3].item() == pytest.approx(-0.03, abs=6e-3)
+    assert found.turns[6, 3] == 0
     assert found.turns[6, :2].numpy() == pytest.approx((-0.015, 0), abs=4e-3)
     assert mean_error_m(made_rig, found.parameters) < 2e-3
 
@@ -76,7 +78,7 @@ def test_held_out_views_move_no_hand(made_rig, exact):
     fit, outlines, targets = exact
     found = with_turned_cameras(fit, made_rig.hands, made_rig.cameras, outlines, targets, [2])
     assert torch.equal(found.parameters.theta, fit.parameters.theta)
-    assert torch.equal(found.turns[[0, 1, 3, 4, 5, 6, 7]], torch.zeros(7, 3))
+    assert torch.equal(found.turns[[0, 1, 3, 4, 5, 6, 7]], torch.zeros(7, 4))
     assert found.turns[2].abs().max() < 4e-3
     assert with_turned_cameras(fit, made_rig.hands, made_rig.cameras, outlines, targets, []) is fit
 

@@ -75,7 +75,7 @@ def test_pairs_measure_by_how_much_a_picture_is_moved(made_rig):
     stacked = RigCameras.of(made_rig.cameras)
     vertices = torch.as_tensor(made_rig.vertices, dtype=torch.float32)
     (points,) = PairedViews.of([pairs], len(vertices)).points(vertices)
-    px = stacked.project(points, 1, torch.zeros(3))[0]
+    px = stacked.project(points, 1, torch.zeros(4))[0]
     across, along = pairs.off_mm(px)
     facing = pairs.normal[:, 0].abs() > 0.9
     assert (across * -pairs.normal[:, 0].sign())[facing].median() == pytest.approx(3 / scale, abs=0.6)

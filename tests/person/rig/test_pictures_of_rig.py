@@ -21,7 +21,7 @@ def fitted(made_rig):
         labels=labels,
         meshes=labels,
         px_per_mm=(0.85,) * 8,
-        turns=np.zeros((8, 3)),
+        turns=np.zeros((8, 4)),
         off_px={},
         overlaps={},
     )

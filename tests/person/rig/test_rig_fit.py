@@ -12,7 +12,7 @@ from livehand.backend.records.errors import LiveHandError
 def whole_road(made_rig):
     """Views whose cameras 1 and 6 were moved since they were calibrated, 6 held out, fitted from noisy finds."""
     views, lines = made_rig.views(), []
-    for row, turn in ((1, (0.0, 0.025, 0.0)), (6, (0.02, 0.0, 0.0))):
+    for row, turn in ((1, (0.0, 0.025, 0.0, 0.0)), (6, (0.02, 0.0, 0.0, 0.0))):
         view = views[row]
         views[row] = view.__class__(view.name, view.rgb, turned(view.camera, np.array(turn)), view.camera_index)
     return views, fitted_hands(views, made_rig.found(1.5), made_rig.model, [6], lines.append), lines

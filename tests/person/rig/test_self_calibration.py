@@ -16,8 +16,8 @@ def test_exact_landmarks_move_nothing(made_rig):
 
 def test_moved_cameras_are_found_and_named(made_rig):
     wrong = list(made_rig.cameras)
-    wrong[2] = turned(wrong[2], np.array([0.0, 0.03, 0.0]))
-    wrong[5] = turned(wrong[5], np.array([-0.02, -0.01, 0.0]))
+    wrong[2] = turned(wrong[2], np.array([0.0, 0.03, 0.0, 0.0]))
+    wrong[5] = turned(wrong[5], np.array([-0.02, -0.01, 0.0, 0.0]))
     found = calibrated(made_rig.found(0.7), wrong)
     off = cameras_off_px(found.turns, wrong)
     assert set(off) == {2, 5}
@@ -29,7 +29,7 @@ def test_moved_cameras_are_found_and_named(made_rig):
 
 def test_a_camera_held_out_moves_no_landmark_and_is_turned_to_them(made_rig):
     wrong = list(made_rig.cameras)
-    wrong[4] = turned(wrong[4], np.array([0.0, 0.04, 0.0]))
+    wrong[4] = turned(wrong[4], np.array([0.0, 0.04, 0.0, 0.0]))
     hands = made_rig.found(0.7)
     found, others = calibrated(hands, wrong, held_out=[4]), calibrated(hands, made_rig.cameras, held_out=[4])
     assert found.points == pytest.approx(others.points, abs=1e-9)

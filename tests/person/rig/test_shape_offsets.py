@@ -15,7 +15,7 @@ SCALE = 0.85
 def swollen(made_rig):
     """Hands whose fingers are 2.5 mm thicker; their true fit and vertices."""
     hands = made_rig.hands
-    fit = RigFit(hands.parameters(made_rig.poses), torch.zeros(8, 3))
+    fit = RigFit(hands.parameters(made_rig.poses), torch.zeros(8, 4))
     fingers = made_rig.model.lbs_weights[:, 1:].sum(1)
     offset_m = torch.as_tensor(np.stack([0.0025 * fingers] * 2), dtype=torch.float32)
     normals = hands.posed_normals(fit.parameters)
@@ -54,7 +54,7 @@ def test_targets_of_visible_vertices_move_them(made_rig, swollen):
 
     def given(state):
         rows = range(8)
-        px = [stacked.project(shown.vertices[0, palm], row, torch.zeros(3))[0] for row in rows]
+        px = [stacked.project(shown.vertices[0, palm], row, torch.zeros(4))[0] for row in rows]
         sure = torch.ones(len(palm))
         return [VertexTargets(0, row, palm, at, sure, SCALE) for row, at in zip(rows, px, strict=True)]
 
