@@ -34,9 +34,10 @@ def with_others_unknown(labels: np.ndarray, silhouette: np.ndarray, others_px: S
     if not len(others_px):
         return labels
     cv2 = load_opencv()
-    others = np.zeros(labels.shape, np.uint8)
+    others, arms = np.zeros(labels.shape, np.uint8), np.zeros(labels.shape, np.uint8)
     for px in others_px:
-        _draw(others, px)
+        _draw(others, arms, px)
+    others |= arms * ~silhouette  # arms are drawn straight, and seldom lie before a hand
     if not others.any():
         return labels
     to_others, to_mesh = (
@@ -47,16 +48,19 @@ def with_others_unknown(labels: np.ndarray, silhouette: np.ndarray, others_px: S
     return np.where((others > 0) | is_theirs, UNKNOWN, labels).astype(np.uint8)
 
 
-def _draw(region: np.ndarray, landmarks_px: np.ndarray) -> None:
-    """Draw a hand and the beginning of its arm into a region, a little too wide."""
+def _draw(hand: np.ndarray, arm: np.ndarray, landmarks_px: np.ndarray) -> None:
+    """Draw a hand and the beginning of its arm into regions, a little too wide."""
     cv2 = load_opencv()
     px = landmarks_px.clip(-_MOST_PX, _MOST_PX)
     along = px[_WRIST] - px[_MIDDLE_KNUCKLE]
     length = max(float(np.linalg.norm(along)), float(np.linalg.norm(px[_INDEX_KNUCKLE] - px[_PINKY_KNUCKLE])), 1.0)
-    elbow = px[_WRIST] + _ARM_LENGTH * along
     palm = cv2.convexHull(px[list(_PALM)].round().astype(np.int32))
-    cv2.fillConvexPoly(region, palm, 1)
-    lines = [(palm[:, 0], True, _PALM_MARGIN), (np.stack([px[_WRIST], elbow]), False, _ARM_WIDTH)]
-    lines += [(px[list(finger)], False, _FINGER_WIDTH) for finger in _FINGERS]
-    for points, is_closed, width in lines:
+    cv2.fillConvexPoly(hand, palm, 1)
+
+    def line(region: np.ndarray, points: np.ndarray, is_closed: bool, width: float) -> None:
         cv2.polylines(region, [points.round().astype(np.int32)], is_closed, 1, max(1, round(width * length)))
+
+    line(hand, palm[:, 0], True, _PALM_MARGIN)
+    line(arm, np.stack([px[_WRIST], px[_WRIST] + _ARM_LENGTH * along]), False, _ARM_WIDTH)
+    for finger in _FINGERS:
+        line(hand, px[list(finger)], False, _FINGER_WIDTH)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..capture.masks.mask import MaskConfig, MaskRegions, grabcut_mask, hand_regions, load_opencv, short_of_arm
+from ..geometry.tolerances import NEAR_M
 from ..hand.lbs import posed_arrays
 from ..hand.model import HandModel
 from ..records.camera import Camera
@@ -24,8 +25,10 @@ from .other_hands import with_others_unknown
 
 MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0)
 """The fit of a film or a photograph is a centimetre off in places."""
+_WRIST, _MIDDLE_KNUCKLE = 0, 4  # joints
 _WRIST_BEND_RAD = 0.6  # in the picture, to each side
-_BENDS = 5
+_BENDS = 13
+_CUFF_M = 0.05  # of the mesh before its end, over which a sleeve may lie
 _BINS, _LEVELS = 32, 256  # of a colour's histogram along each axis of Lab
 _SMOOTH_BINS = 1.0
 _LEAST_SHARE = 1e-5  # of a colour that was never seen
@@ -65,6 +68,7 @@ class _Seen:
     rgb: np.ndarray
     regions: MaskRegions
     behind_wrist: np.ndarray
+    cuff: np.ndarray
     mask: np.ndarray
 
 
@@ -134,15 +138,28 @@ def _seen(rgb: np.ndarray, pose: HandPose, camera: Camera, model: HandModel) -> 
     vertices, joints = posed_arrays(model, pose)
     vertices, faces = short_of_arm(vertices, model)
     regions = hand_regions(vertices, joints, faces, camera, MASKS)
-    behind = _behind_wrist(regions, joints, camera)
+    behind = _behind_wrist(regions, joints, camera) & ~regions.silhouette
     mask = grabcut_mask(rgb, regions, MASKS)
-    return _Seen(rgb, regions, behind & ~regions.silhouette, mask)
+    return _Seen(rgb, regions, behind, _cuff(vertices, joints, regions, camera), mask)
+
+
+def _cuff(vertices: np.ndarray, joints: np.ndarray, regions: MaskRegions, camera: Camera) -> np.ndarray:
+    """Return the part of the silhouette near the mesh's end, which a sleeve may cover that looks like the ground."""
+    cv2 = load_opencv()
+    elbow = (joints[_WRIST] - joints[_MIDDLE_KNUCKLE]) / np.linalg.norm(joints[_WRIST] - joints[_MIDDLE_KNUCKLE])
+    along = vertices @ elbow
+    px, depth = camera.project(vertices[along > along.max() - _CUFF_M])
+    cuff = np.zeros(regions.silhouette.shape, np.uint8)
+    if (depth > NEAR_M).all():
+        limit = 8.0 * max(camera.size_px)  # OpenCV counts in 32-bit integers
+        cv2.fillConvexPoly(cuff, cv2.convexHull(px.clip(-limit, limit).round().astype(np.int32)), 1)
+    return (cuff > 0) & regions.silhouette
 
 
 def _behind_wrist(regions: MaskRegions, joints: np.ndarray, camera: Camera) -> np.ndarray:
     """Turn the straight arm's region about the wrist, as far as wrists bend in the picture; the hand is no part."""
     cv2 = load_opencv()
-    (x, y), _ = camera.project(joints[0])
+    (x, y), _ = camera.project(joints[_WRIST])
     swept = regions.forearm.astype(np.uint8)
     for angle in np.linspace(-_WRIST_BEND_RAD, _WRIST_BEND_RAD, _BENDS):
         turn = cv2.getRotationMatrix2D((float(x), float(y)), float(np.degrees(angle)), 1.0)
@@ -161,7 +178,7 @@ def _labels(seen: _Seen, skin: ColourHistogram, skin_histogram: np.ndarray) -> n
     foreign = _foreign(seen, skin, odds)
     labels = np.full(shown.shape, BACKGROUND, np.uint8)
     labels[shown] = HAND
-    labels[seen.behind_wrist & ~shown] = UNKNOWN
+    labels[(seen.behind_wrist | seen.cuff) & ~shown] = UNKNOWN
     labels[foreign] = UNKNOWN
     return labels
 

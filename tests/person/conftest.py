@@ -31,10 +31,10 @@ class Painted:
 
 @pytest.fixture(scope="session")
 def painted():
-    """A function (skin=SKIN, bend_rad=0.3, off_m=0, roll_rad=0) -> `Painted`; its pose is off by a shift."""
+    """A function (skin=SKIN, bend_rad=0.3, off_m=0, roll_rad=0, is_shown=True) -> `Painted`; its pose is off."""
     model = load_default_hand()
 
-    def paint(skin=SKIN, bend_rad=0.3, off_m=0.0, roll_rad=0.0):
+    def paint(skin=SKIN, bend_rad=0.3, off_m=0.0, roll_rad=0.0, is_shown=True):
         camera = Camera(
             np.array([[FOCAL_PX, 0, SIZE_PX[0] / 2], [0, FOCAL_PX, SIZE_PX[1] / 2], [0, 0, 1]]),
             to_blender("opencv"),
@@ -50,7 +50,7 @@ def painted():
         rows, columns = np.mgrid[: SIZE_PX[1], : SIZE_PX[0]]
         ground = np.stack([60 + rows / 4, 80 + columns / 6, 75 + 15 * np.sin(rows / 9)], -1)
         colour = np.array(skin) * (1 + 0.1 * np.sin(columns / 7))[..., None]
-        rgb = np.where(whole[..., None], colour, ground) + rng.normal(0, 4, (*whole.shape, 3))
+        rgb = np.where(whole[..., None] & is_shown, colour, ground) + rng.normal(0, 4, (*whole.shape, 3))
         shifted = replace(pose, transl=pose.transl + np.array([0, 0, off_m]))
         return Painted(rgb.clip(0, 255).astype(np.uint8), shifted, camera, hand, whole & ~hand)
 

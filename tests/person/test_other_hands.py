@@ -42,6 +42,16 @@ def test_where_both_overlap_nothing_is_known(labels):
     assert (found[silhouette] != BACKGROUND).all()
 
 
+def test_an_arm_does_not_cover_the_hand(labels):
+    """The other hand points away from the mesh, and so its arm's line would cross it."""
+    turned = OTHER_PX[:, ::-1] + [60, 10]
+    silhouette = np.zeros(labels.shape, bool)
+    silhouette[20:120, 200:260] = True
+    found = with_others_unknown(labels, silhouette, [turned])
+    assert (found[60:80, 160:198] == UNKNOWN).any()
+    np.testing.assert_array_equal(found[silhouette], labels[silhouette])
+
+
 def test_no_other_hand_changes_nothing(labels):
     outside = OTHER_PX + 5000
     for others in ([], [outside]):

@@ -54,6 +54,20 @@ def test_what_is_worn_is_unknown(painted, hand):
     assert (labels[shown.is_hand & ~ring] == HAND).mean() > 0.85
 
 
+def test_a_sleeve_that_looks_like_the_ground_is_unknown(painted, hand):
+    """It covers the mesh's end, which would be an outline that is not the hand's."""
+    shown = painted(bend_rad=0.0)
+    _, columns = np.nonzero(shown.is_hand)
+    at = np.arange(shown.rgb.shape[1])
+    is_sleeve = shown.is_hand & (at > columns.max() - 0.1 * np.ptp(columns))
+    wider = (shown.is_arm | is_sleeve) & (at > columns.max() - 0.1 * np.ptp(columns))
+    empty = painted(is_shown=False).rgb
+    shown.rgb[wider] = empty[wider]
+    (labels,) = labels_of(hand, shown)
+    assert (labels[is_sleeve] == BACKGROUND).mean() < 0.05
+    assert (labels[is_sleeve] == UNKNOWN).mean() > 0.5
+
+
 def test_a_glove_is_told(painted, hand):
     with pytest.raises(LiveHandError, match=r"must have the colour of skin, got .* take off the glove"):
         labels_of(hand, painted(GLOVE))
