@@ -27,7 +27,7 @@ from ...geometry.tolerances import NEAR_M
 from ...hand.lbs import posed_vertices
 from ...hand.model import HandModel
 from ...motion.landmarks.take_file import FilmedTake
-from ...motion.landmarks.take_fit import DOUBTFUL, TakeFit
+from ...motion.landmarks.take_fit import MOST_FIT_ERROR, TakeFit
 from ...motion.motion import HandMotion, mirrored
 from ...motion.resampling import sampled_at
 from ...motion.spaces import rest_wrists, to_blender, transformed
@@ -132,34 +132,34 @@ class FilmedCapture:
         capture: with its masks.
         overlap: mean intersection over union of the masks and the posed mesh.
         frames: [N] of the film, one an image.
-        doubt: [N] of the fit in them.
+        fit_error: [N] of the fit in them.
     """
 
     capture: Capture
     overlap: float
     frames: np.ndarray
-    doubt: np.ndarray
+    fit_error: np.ndarray
 
 
 @dataclass(frozen=True)
 class _Candidates:
-    """Frames of the film in which the hand is seen whole, without much doubt, as a right hand's.
+    """Frames of the film in which the hand is seen whole, without a large fit error, as a right hand's.
 
     Attributes:
         frames: [N] increasing indices.
         motion: of N poses, in the capture's world.
-        doubt: [N].
+        fit_error: [N].
         px: [N, 21, 2] landmarks in the picture.
     """
 
     frames: np.ndarray
     motion: HandMotion
-    doubt: np.ndarray
+    fit_error: np.ndarray
     px: np.ndarray
 
     def of(self, indices: np.ndarray) -> _Candidates:
         motion = replace(self.motion, theta=self.motion.theta[indices], transl=self.motion.transl[indices])
-        return _Candidates(self.frames[indices], motion, self.doubt[indices], self.px[indices])
+        return _Candidates(self.frames[indices], motion, self.fit_error[indices], self.px[indices])
 
 
 def check_capture_can_be_made(folder: Path) -> None:
@@ -208,7 +208,7 @@ def write_filmed_capture(
             f"the camera must rest while the hand turns, got a ground that changes by {change:.0f} of 255 "
             f"(at most {MOST_CHANGE:.0f}); put the phone on a stand, lock its exposure, and film again"
         )
-    chosen = seen.of(chosen_frames(seen.motion, seen.doubt, blurs))
+    chosen = seen.of(chosen_frames(seen.motion, seen.fit_error, blurs))
     poses = tuple(chosen.motion.pose(index) for index in range(len(chosen.frames)))
     windows = [_window_of(posed_vertices(right, pose), right, camera) for pose in poses]
     views = _views([camera_of(camera, window) for window in windows])
@@ -223,7 +223,7 @@ def write_filmed_capture(
         masked = mask_capture(partial, right, MASKS)
     views = tuple(each.view for each in masked)
     overlap = float(np.mean([each.overlap for each in masked]))
-    return FilmedCapture(replace(capture, folder=folder, views=views), overlap, chosen.frames, chosen.doubt)
+    return FilmedCapture(replace(capture, folder=folder, views=views), overlap, chosen.frames, chosen.fit_error)
 
 
 def _camera(take: FilmedTake) -> Camera:
@@ -249,17 +249,17 @@ def _candidates(take: FilmedTake, side: Side, fit: TakeFit, right: HandModel) ->
     at = (times - fit.start_s) * (fit.motion.fps or take.fps)
     nearest = np.clip(np.round(at).astype(int), 0, len(fit.motion) - 1)
     inside = ((hand.px >= 0) & (hand.px < take.camera.size_px)).all(-1).mean(1)
-    doubt = fit.doubt[nearest]
-    is_sure = fit.is_keyed[nearest] & (doubt < DOUBTFUL) & (inside >= _LEAST_INSIDE)
+    fit_error = fit.fit_error[nearest]
+    is_sure = fit.is_keyed[nearest] & (fit_error < MOST_FIT_ERROR) & (inside >= _LEAST_INSIDE)
     if not is_sure.any():
         raise LiveHandError(
-            f"a capture needs a hand that is seen whole, got none of {len(times)} frames with little doubt; "
+            f"a capture needs a hand that is seen whole, got none of {len(times)} frames with a small fit error; "
             "film the whole hand, larger and in light"
         )
     motion = sampled_at(fit.motion, at[is_sure])
     motion = motion if side == "right" else mirrored(motion)
     motion = transformed(motion, to_blender("opencv"), rest_wrists(right, motion.beta))
-    return _Candidates(hand.frames[is_sure], motion, doubt[is_sure], hand.px[is_sure])
+    return _Candidates(hand.frames[is_sure], motion, fit_error[is_sure], hand.px[is_sure])
 
 
 def _looked_at(play: Frames, seen: _Candidates, size_px: tuple[int, int]) -> tuple[np.ndarray, float | None]:
@@ -314,7 +314,7 @@ def _provenance(source: str, take: FilmedTake, side: Side, chosen: _Candidates) 
         "focal_px": take.camera.focal_px,
         "plan": {"person": {"beta": chosen.motion.betas[0].tolist()}},
         "frames": chosen.frames.tolist(),
-        "doubt": [round(float(value), 5) for value in chosen.doubt],
+        "doubt": [round(float(value), 5) for value in chosen.fit_error],
     }
 
 
