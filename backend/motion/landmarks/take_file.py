@@ -212,7 +212,7 @@ def _hand(document: Document, side: Side, count: int, camera: FilmCamera) -> Fil
     )
     px = document.array(entries.get(f"{side}_px"), f"{side}_px", (n, 21, 2))
     world = document.array(entries.get(f"{side}_world"), f"{side}_world", (n, 21, 3))
-    _require(bool((np.abs(px) < _MOST_TILT * camera.focal_px).all()), path, f"{side}_px must be places in the picture")
+    _require(bool((np.abs(px) < _MOST_TILT * camera.focal_px).all()), path, f"{side}_px must be image coordinates, px")
     _require(bool((np.abs(world) < _MOST_WORLD_M).all()), path, f"{side}_world must be a hand's, in metres")
     return FilmedHand(frames, px, world)
 
