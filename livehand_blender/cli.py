@@ -28,6 +28,7 @@ from ..backend.evaluation.command import COMMAND as EVALUATE
 from ..backend.evaluation.perceptual.fetch_command import COMMAND as FETCH_PERCEPTUAL
 from ..backend.evaluation.sheet_command import COMMAND as SHEET
 from ..backend.motion.document import SUFFIXES as POSE_FILES
+from ..backend.person.command import COMMAND as PERSON
 from ..backend.records.errors import LiveHandError
 from ..backend.render.thumbnail_command import COMMAND as THUMBNAIL
 from ..backend.rigs.rig_suffixes import RIG_SUFFIXES
@@ -143,6 +144,7 @@ COMMANDS: dict[str, Command] = {
             _silent_in_blender(capture.run),
         ),
         TRAIN,
+        PERSON,
         EVALUATE,
         WARM_UP,
         SHEET,

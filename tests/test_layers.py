@@ -39,7 +39,7 @@ ROWS = (
     ("backend.compute", "backend.avatars", "backend.teacher", "livehand_blender.motion"),
     ("backend.render", "livehand_blender.capture"),
     ("backend.evaluation", "backend.commands", "livehand_blender.render", "livehand_blender.rigs"),
-    ("backend.training", "livehand_blender.ui"),
+    ("backend.training", "backend.person", "livehand_blender.ui"),
     ("backend.research", "livehand_blender"),
     ("livehand_blender.research", "tools"),
 )

@@ -48,6 +48,11 @@ def half_size(capture: Capture) -> Capture:
     return HalfSizeCapture(*known, full=capture, whole=whole)
 
 
+def at_own_size(capture: Capture) -> Capture:
+    """Return the capture whose cameras are those of its files, though it is seen at half its size."""
+    return capture.full if isinstance(capture, HalfSizeCapture) else capture
+
+
 def _halved_camera(camera: Camera) -> Camera:
     width, height = camera.size_px
     return replace(camera, K=np.diag([0.5, 0.5, 1.0]) @ camera.K, size_px=(width // 2, height // 2))

@@ -50,6 +50,7 @@ def _runs(is_in: np.ndarray) -> list[tuple[int, int]]:
 
 
 _WORST = 5
+_LITTLE_SKIN = 0.6  # one side of a hand is about 0.45
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -107,7 +108,13 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
             "--side names the hand of a capture, got no --capture; give its folder, or leave --side out"
         )
     model = load_hand_model(args.hand or DEFAULT_HAND)
-    video, tracker = open_video(args.video), HandTracker(load_networks(args.weights), args.hands)
+    video, networks = open_video(args.video), load_networks(args.weights)
+    if args.capture:  # before minutes of tracking
+        from ..tracking.still import StillTracker
+        from ..tracking.turning_hand.survey import check_hand_turns
+
+        check_hand_turns(video.decoded(), video.count, StillTracker(networks))
+    tracker = HandTracker(networks, args.hands)
     found = track_frames(_shown(frames_of_film(video), video.count), tracker)
     take = filmed_take(found, video.fps, args.fov, args.video)
     write_take(take, args.output)  # before minutes of fitting, which may fail
@@ -142,9 +149,12 @@ def _captured(args: argparse.Namespace, video: Video, take: FilmedTake, model: H
     held_out = len(made.capture.of_split("novel_pose"))
     line = (
         f"  {args.capture}: {len(made.frames)} images of the {side} hand, {held_out} of them held out, "
-        f"masks overlap the mesh by {made.overlap:.2f}"
+        f"masks overlap the mesh by {made.overlap:.2f}, {made.covered:.0%} of the skin is seen"
     )
-    return {"capture": str(args.capture), "images": len(made.frames), "overlap": round(made.overlap, 4), "line": line}
+    if made.covered < _LITTLE_SKIN:
+        warn(f"livehand track: the film shows {made.covered:.0%} of the hand's skin; the rest will be blurred")
+    numbers = {"images": len(made.frames), "overlap": round(made.overlap, 4), "covered": round(made.covered, 3)}
+    return {"capture": str(args.capture), **numbers, "line": line}
 
 
 def _shown(frames: Iterator[VideoFrame], count: int) -> Iterator[VideoFrame]:

@@ -85,7 +85,7 @@ class AtlasTexels:
         is_beyond = np.ones(self.resolution**2, bool)
         is_beyond[self.pixel] = False
         is_beyond = is_beyond.reshape(self.resolution, self.resolution)
-        return ndimage.distance_transform_edt(is_beyond, return_distances=False, return_indices=True)
+        return np.asarray(ndimage.distance_transform_edt(is_beyond, return_distances=False, return_indices=True))
 
 
 def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:

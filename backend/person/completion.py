@@ -22,6 +22,7 @@ _SMOOTH_EDGES = 6.0  # of the Laplacian against data: what is coarser than about
 _REACH_EDGES = 12.0  # over which it dies out where nothing was seen
 _KEPT_LOW = 0.5
 _SURE_WEIGHT = 0.15
+_SURE_AROUND = 0.3, 0.6  # mean confidence around a texel at which it begins to count, and counts fully
 
 
 @dataclass(frozen=True)
@@ -64,12 +65,22 @@ def completed_ratio(
     left = np.where(weight[:, None] > 0, observed - light - prior, 0)
     smooth = _smoothed(texels, left, weight, _SMOOTH_EDGES, 0.0)
     spread = _smoothed(texels, kept_low * smooth, weight, 1.0, 1 / _REACH_EDGES**2)
-    confidence = (gathered.weight / (gathered.weight + _SURE_WEIGHT)).astype(np.float32)
+    confidence = _confidence(texels, gathered.weight)
     of_prior, of_low, of_spread = (texels.at_texels(values.astype(np.float32)) for values in (prior, smooth, spread))
     high = gathered.mean - light.astype(np.float32) - of_prior - of_low
     seen = of_prior + kept_low * of_low + high
     log_ratio = confidence[:, None] * seen + (1 - confidence[:, None]) * (of_prior + of_spread)
     return CompletedRatio(log_ratio, of_prior, confidence, numbers)
+
+
+def _confidence(texels: AtlasTexels, weight: np.ndarray) -> np.ndarray:
+    """Return how sure each texel is [T]: what is seen alone, amid skin that no picture shows, is mostly a mistake."""
+    alone = weight / (weight + _SURE_WEIGHT)
+    at_vertices, _ = texels.at_vertices(alone[:, None], np.ones_like(weight))
+    around = _smoothed(texels, at_vertices, np.ones(len(at_vertices)), _SMOOTH_EDGES, 0.0)
+    share = texels.at_texels(around.astype(np.float32))[:, 0]
+    low, high = _SURE_AROUND
+    return (alone * ((share - low) / (high - low)).clip(0, 1)).astype(np.float32)
 
 
 def _smoothed(
@@ -86,7 +97,7 @@ def _smoothed(
     """
     trusted = sparse.diags(np.minimum(weight, 1.0))
     laplacian = texels.laplacian
-    system = trusted + smoothness * (laplacian + max(decay, 1e-6) * sparse.eye(laplacian.shape[0]))
+    system = trusted + smoothness * (laplacian + max(decay, 1e-6) * sparse.eye(len(values)))
     goal = trusted @ values
     return np.stack(
         [linalg.cg(system.tocsr(), goal[:, channel], rtol=1e-4, maxiter=400)[0] for channel in range(values.shape[1])],

@@ -45,7 +45,7 @@ def bilinear(image: np.ndarray, xy_px: np.ndarray) -> np.ndarray:
     """Sample an image [H, W, ...] at points [P, 2], px, pixel centres at .5; zero outside it."""
     height, width = image.shape[:2]
     place = xy_px - 0.5
-    is_inside = ((place >= 0) & (place <= (width - 1, height - 1))).all(1)
+    is_inside = np.logical_and(place >= 0, place <= (width - 1, height - 1)).all(1)
     place = place.clip(0, (width - 1.001, height - 1.001))
     x, y = place.astype(int).T
     extra = (slice(None), *(None,) * (image.ndim - 2))

@@ -87,8 +87,9 @@ def gathered_ratio(
         on_picture: called after each.
     """
     sightings = []
+    usual_px_per_mm = float(np.median([_px_per_mm(picture) for picture in pictures]))
     for picture in pictures:
-        sighting = _sighting(model, texels, picture, lights[picture.scene], with_flow)
+        sighting = _sighting(model, texels, picture, lights[picture.scene], with_flow, usual_px_per_mm)
         known = sighting.log_ratio if ratio is None else sighting.log_ratio + ratio
         sightings.append(sighting._replace(log_ratio=known.astype(np.float16)))
         on_picture()
@@ -137,14 +138,19 @@ def _gain(off: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _sighting(
-    model: PersonModel, texels: AtlasTexels, picture: HandPicture, light: PictureLight, with_flow: bool
+    model: PersonModel,
+    texels: AtlasTexels,
+    picture: HandPicture,
+    light: PictureLight,
+    with_flow: bool,
+    usual_px_per_mm: float,
 ) -> _Sighting:
     frame = model.rendered(picture.pose, picture.camera, light.light)
     seen = model.seen(picture.pose, picture.camera)
     encoded = picture.rgb.astype(np.float32) / 255
     shown = srgb_to_linear(encoded)
     rendered = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)
-    place = _TexelPlaces.of(texels, seen, picture)
+    place = _TexelPlaces.of(texels, seen, picture, usual_px_per_mm)
     flow_px = np.zeros((*shown.shape[:2], 2), np.float32)
     error_px = np.zeros(shown.shape[:2], np.float32)
     if with_flow:
@@ -168,7 +174,7 @@ class _TexelPlaces(NamedTuple):
     weight: np.ndarray
 
     @classmethod
-    def of(cls, texels: AtlasTexels, seen: SeenSurface, picture: HandPicture) -> _TexelPlaces:
+    def of(cls, texels: AtlasTexels, seen: SeenSurface, picture: HandPicture, usual_px_per_mm: float) -> _TexelPlaces:
         camera = picture.camera
         position = texels.at_texels(seen.mesh.vertices.numpy())
         normal = texels.at_texels(seen.mesh.normals.numpy())
@@ -179,12 +185,19 @@ class _TexelPlaces(NamedTuple):
         is_visible = (depth > NEAR_M) & (facing > _LEAST_FACING) & (depth < nearest(nearer, px) + _BEHIND_M)
         is_visible &= bilinear(is_inner, px) > 0.95
         px_per_mm = camera.K[0, 0] / np.maximum(depth, NEAR_M) / 1000
-        weight = is_visible * (facing.clip(0) * np.minimum(px_per_mm, _FULL_PX_PER_MM) / _FULL_PX_PER_MM)
+        weight = is_visible * facing.clip(0) * np.minimum(px_per_mm / usual_px_per_mm, _MOST_FINER)
         return cls(px.astype(np.float32), weight.astype(np.float32) ** _FOOTPRINT_POWER)
 
 
-_FULL_PX_PER_MM = 3.0
-"""Finer pictures tell no more than an atlas holds."""
+def _px_per_mm(picture: HandPicture) -> float:
+    """Return the size of the hand in a picture."""
+    pose, camera = picture.pose, picture.camera
+    depth = (np.asarray(pose.transl) - camera.origin) @ camera.cam2world[:3, 2]
+    return float(camera.K[0, 0] / max(abs(depth), NEAR_M) / 1000)
+
+
+_MOST_FINER = 1.5
+"""By which a picture that shows the hand larger than usual counts more."""
 
 
 def _depth_edges(seen: SeenSurface) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,9 +23,9 @@ from .light import LitPixels, PictureLight, fitted_light, lit_pixels
 from .model import PersonModel
 from .numbers import SkinFamily
 from .picture import HandPicture, PicturedHand
+from .refit import refitted
 
 _LIGHT_PICTURES = 8
-_MOST_PICTURES = 36
 _REPORTED = 1e-3
 
 Log = Callable[[str], None]
@@ -38,14 +38,18 @@ class MakingOptions:
     Attributes:
         resolution: of the atlas.
         rounds: of light, gathering and completion.
-        with_flow: as in `gathered_ratio`, in all rounds or from the second on.
+        with_flow: as in `gathered_ratio`.
         kept_low: as in `completed_ratio`.
+        pictures: at most.
+        fits_poses: fit poses and shape again, too.
     """
 
     resolution: int = 1024
     rounds: int = 2
     with_flow: bool = True
     kept_low: float = 0.5
+    pictures: int = 36
+    fits_poses: bool = True
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ def made_person(
 ) -> MadePerson:
     """Make a person from pictures whose poses are known well enough for flow to correct the rest."""
     texels = AtlasTexels.of(base.template, options.resolution)
-    pictures = _chosen([picture for picture in hand.pictures if not picture.is_held_out], _MOST_PICTURES)
+    pictures = _chosen([picture for picture in hand.pictures if not picture.is_held_out], options.pictures)
     base_log_albedo = family_at_base(base)
     pixels = _pixels_of_scenes(base, pictures, log)
     lights = {scene: fitted_light(of_scene) for scene, of_scene in pixels.items()}
@@ -92,14 +96,62 @@ def made_person(
     return person
 
 
-def skin_family(light: PersonModel, deep: PersonModel) -> SkinFamily:
-    """Make the family of skins between a light and a deep person that ship."""
-    return SkinFamily(family_at_base(light), family_at_base(deep))
+@dataclass(frozen=True)
+class Bases:
+    """Avatars that ship, to begin with.
+
+    Attributes:
+        models: by the melanin of their skin.
+        family: of skins between them.
+    """
+
+    models: Mapping[float, PersonModel]
+    family: SkinFamily
+
+    @classmethod
+    def of(cls, models: Iterable[PersonModel]) -> Bases:
+        """Sort the models of a light and a deep skin, and of any between."""
+        by_melanin = {_melanin(model): model for model in models}
+        light, deep = (family_at_base(by_melanin[melanin]) for melanin in (min(by_melanin), max(by_melanin)))
+        return cls(by_melanin, SkinFamily(light, deep))
+
+    def nearest(self, melanin: float) -> PersonModel:
+        """Choose the model whose skin is nearest."""
+        return self.models[min(self.models, key=lambda one: abs(one - melanin))]
+
+
+def person_of_pictures(
+    bases: Bases, hand: PicturedHand, options: MakingOptions, log: Log = lambda line: None
+) -> tuple[MadePerson, PicturedHand]:
+    """Make a person from pictures whose poses are about known; returns the pictures with poses and shape fitted, too.
+
+    Early rounds see fewer pictures on a coarser atlas: they only bring poses, light and skin near enough for the next.
+    """
+    early = replace(options, resolution=_EARLY_RESOLUTION, rounds=1, pictures=_EARLY_PICTURES)
+    base = bases.nearest(_FIRST_MELANIN)
+    for refits in _EARLY_REFITS if options.fits_poses else ():
+        made = made_person(base, hand, bases.family, early, log)
+        base = bases.nearest(made.completed.numbers.melanin)
+        for _ in range(refits):
+            refit = refitted(made.model, hand.pictures, made.lights)
+            log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
+            hand = replace(hand, pictures=refit.pictures)
+    return made_person(base, hand, bases.family, options, log), hand
+
+
+_EARLY_RESOLUTION, _EARLY_PICTURES, _EARLY_REFITS = 512, 16, (2, 2)
+_FIRST_MELANIN = 0.4
+
+
+def _melanin(model: PersonModel) -> float:
+    surface = model.avatar.surface
+    assert surface is not None
+    return surface.person.melanin
 
 
 def family_at_base(model: PersonModel) -> np.ndarray:
     """Return the logarithm [N, 3] of a base's albedo at the vertices of its surface."""
-    return np.log(model.at_detail(model.pipeline.base._vertex_albedo).clip(_LEAST_ALBEDO))
+    return np.log(model.at_detail(model.base_albedo).clip(_LEAST_ALBEDO))
 
 
 _LEAST_ALBEDO = 0.003

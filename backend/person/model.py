@@ -90,27 +90,32 @@ class PersonModel:
         normals = self.pipeline.mesh(Shot(pose, vertices, _ANY_CAMERA)).normals.cpu().numpy()
         return vertices + self.offset_m[:, None] * normals
 
-    @torch.inference_mode()
     def rendered(self, pose: HandPose, camera: Camera, light: Light) -> Frame:
         """Render the person without hair; a pose and a view that were rendered last take another light at once."""
         shot = Shot(pose, self.vertices(pose), camera, light, hair=0.0)
-        return self.pipeline.render(shot, RenderProgress(lambda: False, lambda stage: None))
+        with torch.inference_mode():
+            return self.pipeline.render(shot, RenderProgress(lambda: False, lambda stage: None))
 
-    @torch.inference_mode()
     def seen(self, pose: HandPose, camera: Camera) -> SeenSurface:
         """Find what a picture shows of the surface."""
         mesh, view = self.posed(pose), camera_tensors(camera, "cpu")
-        visible = self.pipeline.backend.visible_surface(mesh, view)
-        pixel = (visible.face >= 0).nonzero()[:, 0]
-        return _seen_surface(mesh, view, pixel, visible.face[pixel].long(), visible.depth)
+        with torch.inference_mode():
+            visible = self.pipeline.backend.visible_surface(mesh, view)
+            pixel = (visible.face >= 0).nonzero()[:, 0]
+            return _seen_surface(mesh, view, pixel, visible.face[pixel].long(), visible.depth)
 
-    @torch.inference_mode()
     def posed(self, pose: HandPose) -> DetailMesh:
         """Pose the detail surface."""
         shot = Shot(pose, self.vertices(pose), _ANY_CAMERA)
         surface = self.pipeline.surface
         assert surface is not None
-        return surface.mesh(pose, self.pipeline.mesh(shot), self.pipeline.topology_of(shot).frames)
+        with torch.inference_mode():
+            return surface.mesh(pose, self.pipeline.mesh(shot), self.pipeline.topology_of(shot).frames)
+
+    @property
+    def base_albedo(self) -> np.ndarray:
+        """[V, 3] of the base at the mesh's vertices."""
+        return self.pipeline.base_albedo
 
     @property
     def template(self) -> DetailTemplate:
@@ -158,6 +163,11 @@ class PersonPipeline(RelightablePipeline):
     @cached_property
     def _networks(self):
         return self._base._networks
+
+    @property
+    def base_albedo(self) -> np.ndarray:
+        """[V, 3] without the person's factor."""
+        return self._base._vertex_albedo
 
     @property
     def _base(self) -> RelightablePipeline:

@@ -63,9 +63,11 @@ class PicturedHand:
         side: of the hand that was pictured; a left one's pictures are mirrored.
         source: of the pictures, for the avatar's provenance.
         offset_m: [V] of the person's shape, along the normals of the template at rest; None: not known.
+        notes: what people should know of the source: pictures left out, skin that was not seen, a guessed focal length.
     """
 
     pictures: tuple[HandPicture, ...]
     side: Side
     source: str
     offset_m: np.ndarray | None = None
+    notes: tuple[str, ...] = ()

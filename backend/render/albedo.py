@@ -1,4 +1,4 @@
-"""The albedo of a relightable avatar on its mesh, for indirect light and mirrors in the scene."""
+"""The albedo of a relightable avatar, on its mesh and over the atlas: for indirect light, mirrors and other engines."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from copy import deepcopy
 
 import numpy as np
 import torch
+from scipy import ndimage
 
 from ..avatars.avatar import Avatar
 from ..field.conditions import FrameConditions
 from ..field.rays import CameraTensors, HandInView, SurfaceRays, camera_tensors
 from ..field.relightable import RelightableField
 from ..field.shade import shade
-from ..geometry.mesh import PosedMesh, Topology, posed_mesh
+from ..geometry.mesh import posed_mesh
+from ..geometry.rasterise import rasterise
 from ..geometry.uvh import SurfaceSamples
 from ..hand.model import HandModel
 from ..hand.topology import Skinning, topology_of
@@ -20,6 +22,8 @@ from ..light.lighting import AmbientOcclusion, reflectance
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..surface.albedo_ratio import vertex_ratio
+from ..surface.shading_detail import log_albedo
+from .avatar_surface import avatar_surface_of
 
 _DISTANCE_M, _FOCAL_PX = 0.5, 1000.0
 """As if seen from here: planes finer than half a millimetre fade."""
@@ -32,48 +36,89 @@ def vertex_albedo(avatar: Avatar, hand: HandModel) -> np.ndarray:
     Raises:
         LiveHandError: the avatar is not relightable.
     """
+    topology = topology_of(hand)
+    albedo = _albedo_at(avatar, hand, _at_vertices(len(hand.v_template), topology.faces))
+    ratio = None if avatar.surface is None else vertex_ratio(avatar.surface.arrays, hand.vt[hand.ft], hand.f)
+    return (albedo if ratio is None else albedo * ratio).clip(0, 1)
+
+
+@torch.inference_mode()
+def atlas_albedo(avatar: Avatar, hand: HandModel, resolution: int) -> np.ndarray:
+    """Compute the linear diffuse reflectance [A, A, 3] over the atlas, the row of the smallest v first.
+
+    With the fine pigment and folds of the avatar's surface, if it has one. Beyond the charts each texel has the colour
+    of the nearest within, so that mipmaps do not bleed.
+
+    Raises:
+        LiveHandError: the avatar is not relightable.
+    """
+    pixel, samples = _at_texels(hand, resolution)
+    albedo = torch.as_tensor(_albedo_at(avatar, hand, samples))
+    surface = avatar_surface_of(avatar, torch.device("cpu"))
+    if surface is not None:
+        column, row = pixel % resolution, torch.div(pixel, resolution, rounding_mode="floor")
+        uv = (torch.stack([column, row], 1) + 0.5) / resolution
+        albedo = albedo * torch.exp(log_albedo(surface.maps, uv, resolution))
+    image = np.zeros((resolution**2, 3), np.float32)
+    image[pixel.numpy()] = albedo.clamp(0, 1).numpy()
+    is_beyond = np.ones(resolution**2, bool)
+    is_beyond[pixel.numpy()] = False
+    nearest = ndimage.distance_transform_edt(
+        is_beyond.reshape(resolution, resolution), return_distances=False, return_indices=True
+    )
+    row, column = np.asarray(nearest)
+    return image.reshape(resolution, resolution, 3)[row, column]
+
+
+def _albedo_at(avatar: Avatar, hand: HandModel, samples: SurfaceSamples) -> np.ndarray:
+    """Compute the albedo [P, 3] of the field at points of the mesh at rest, seen straight on."""
     if not isinstance(avatar.field, RelightableField):
         raise LiveHandError(f"an albedo needs a relightable avatar, '{avatar.name}' is lit by its capture")
     field = deepcopy(avatar.field).cpu()  # the avatar may be in training on another device
     topology = topology_of(hand)
     mesh = posed_mesh(topology, torch.as_tensor(hand.v_template, dtype=torch.float32))
-    rays, sky_visibility = (
-        _rays_at_vertices(mesh, topology),
-        AmbientOcclusion(torch.ones(len(mesh.vertices)), mesh.normals),
+    corners = topology.faces[samples.face]
+    normal = torch.nn.functional.normalize((mesh.normals[corners] * samples.barycentric[..., None]).sum(1), dim=-1)
+    one, count = torch.full((len(corners), 1), _DISTANCE_M), len(corners)
+    rays = SurfaceRays(
+        torch.arange(count), -normal, one, torch.full((count,), 1e-3), torch.ones(count, dtype=torch.bool), samples
     )
     conditions = FrameConditions.of(
         torch.zeros(16, 3), Skinning.of(hand), topology, mesh, torch.zeros(len(mesh.vertices), 0)
     )
-    view = HandInView(mesh, topology, _camera())
-    gathered = shade(field, rays, view, conditions, avatar.config.sampler.shell_m)
-    coefficients = field.decode(gathered, rays.directions, sky_visibility).channels
-    albedo = reflectance(coefficients).numpy()
-    ratio = None if avatar.surface is None else vertex_ratio(avatar.surface.arrays, hand.vt[hand.ft], hand.f)
-    return (albedo if ratio is None else albedo * ratio).clip(0, 1)
+    gathered = shade(field, rays, HandInView(mesh, topology, _camera()), conditions, avatar.config.sampler.shell_m)
+    sky_visibility = AmbientOcclusion(torch.ones(count), normal)
+    return reflectance(field.decode(gathered, rays.directions, sky_visibility).channels).numpy()
 
 
-def _rays_at_vertices(mesh: PosedMesh, topology: Topology) -> SurfaceRays:
-    """Make one ray straight down on every vertex, with one opaque sample on the surface."""
-    count = len(mesh.vertices)
-    vertex = topology.faces.flatten()
+def _at_vertices(count: int, faces: torch.Tensor) -> SurfaceSamples:
+    """Sample the surface on every vertex."""
+    vertex = faces.flatten()
     # The first of the vertex's corners: an assignment would take any one, and another every time.
     corner = torch.zeros(count, dtype=torch.long).scatter_reduce(
         0, vertex, torch.arange(len(vertex)), "amin", include_self=False
     )
-    samples = SurfaceSamples(
-        torch.div(corner, 3, rounding_mode="floor"),
-        torch.nn.functional.one_hot(corner % 3, 3).float(),
-        torch.zeros(count),
-    )
-    one = torch.full((count, 1), _DISTANCE_M)
-    return SurfaceRays(
-        torch.arange(count),
-        -mesh.normals,
-        one,
-        torch.full((count,), 1e-3),
-        torch.ones(count, dtype=torch.bool),
-        samples,
-    )
+    face = torch.div(corner, 3, rounding_mode="floor")
+    return SurfaceSamples(face, torch.nn.functional.one_hot(corner % 3, 3).float(), torch.zeros(count))
+
+
+def _at_texels(hand: HandModel, resolution: int) -> tuple[torch.Tensor, SurfaceSamples]:
+    """Sample the surface at the centres of the atlas's texels; returns row * A + column of each, too."""
+    corners = torch.as_tensor(hand.vt[hand.ft].reshape(-1, 2), dtype=torch.float32) * resolution
+    alone = torch.arange(len(corners)).reshape(-1, 3)
+    found = rasterise(corners, torch.ones(len(corners)), alone, (resolution, resolution))
+    pixel, first = np.unique(found.pixel.numpy(), return_index=True)
+    face = found.face[torch.as_tensor(first)]
+    centre = torch.as_tensor(np.stack([pixel % resolution, pixel // resolution], 1) + 0.5, dtype=torch.float32)
+    a, b, c = corners.reshape(-1, 3, 2)[face].unbind(1)
+    area = _cross(b - a, c - a)
+    of_b, of_c = _cross(centre - a, c - a) / area, _cross(b - a, centre - a) / area
+    weights = torch.stack([1 - of_b - of_c, of_b, of_c], 1)
+    return torch.as_tensor(pixel), SurfaceSamples(face, weights, torch.zeros(len(pixel)))
+
+
+def _cross(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def _camera() -> CameraTensors:

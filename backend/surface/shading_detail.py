@@ -10,6 +10,7 @@ they are too small a part of a hand for training to see that.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -146,6 +147,17 @@ def with_detail(image: ShadingInputs, skin: DetailPixels) -> ShadingInputs:
         alpha=alpha.reshape(image.alpha.shape),
         depth=depth.reshape(image.depth.shape),
     )
+
+
+def log_albedo(maps: DetailMaps, uv: Float[Tensor, "P 2"], resolution: int) -> Float[Tensor, "P 3"]:
+    """Compute the logarithm of what the maps multiply albedo by, of a straight hand, for texels of an atlas."""
+    level = torch.full((len(uv),), math.log2(maps.resolution / resolution))
+    values = maps.sample(uv, level)
+    folded = values[:, 7:8] + DEEPENED_FROM * values[:, 8:9]
+    found = values[:, 6:7] * values.new_tensor(maps.pigment_colour) + folded * values.new_tensor(FOLD_LOG_ALBEDO)
+    if maps.ratio is None:
+        return found
+    return found + maps.ratio.sample(uv, level + math.log2(maps.ratio.resolution / maps.resolution))
 
 
 def _gradients(corners: Float[Tensor, "K 3 3"], uv: Float[Tensor, "K 3 2"]) -> Float[Tensor, "K 2 3"]:

@@ -19,8 +19,12 @@ if TYPE_CHECKING:
     from .video import Video, VideoFrame
 
 
-def frames_of_film(video: Video) -> Iterator[VideoFrame]:
+def frames_of_film(video: Video, most_fps: float | None = None) -> Iterator[VideoFrame]:
     """Yield the frames of a film of bounded length; where it turns out longer than it said, they end with a warning.
+
+    Args:
+        video: the film.
+        most_fps: frames a second; None: all.
 
     Raises:
         LiveHandError: it says that it is longer; before the first frame.
@@ -29,11 +33,11 @@ def frames_of_film(video: Video) -> Iterator[VideoFrame]:
         raise LiveHandError(
             f"{video.path} must have at most {MOST_FRAMES} frames, got {video.count}; cut it into parts"
         )
-    return _bounded(video)
+    return _bounded(video, video.frames() if most_fps is None else video.thinned(most_fps))
 
 
-def _bounded(video: Video) -> Iterator[VideoFrame]:
-    for index, frame in enumerate(video.frames()):
+def _bounded(video: Video, frames: Iterator[VideoFrame]) -> Iterator[VideoFrame]:
+    for index, frame in enumerate(frames):
         if max(index, frame.time_s * video.fps) >= MOST_FRAMES:
             warn(f"{video.path}: a take lasts at most {MOST_FRAMES} frames; those after frame {index} are left out")
             return

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..records.side import SIDES, Side
-from .tracked_hand import TrackedHand
+from .tracked_hand import TrackedHand, is_same_hand
 from .video import VideoFrame
 
 if TYPE_CHECKING:
@@ -84,8 +84,10 @@ def put_together(frames: Iterable[FrameHands]) -> VideoSightings:
 def by_side(tracks: Sequence[Sequence[tuple[int, TrackedHand]]]) -> dict[Side, HandSightings]:
     """Join tracks of (frame, hand) to one hand a side: a track has the side of its mean label.
 
-    Of two hands seen together, the less surely labelled one has the other side; a third is left out.
+    Of two hands seen together, the less surely labelled one has the other side; a third is left out. So is a track that
+    lies on another's hand in the frames that show both, whatever its label.
     """
+    tracks = _of_different_hands(tracks)
     slots: dict[Side, dict[int, TrackedHand]] = {side: {} for side in SIDES}
     for track in sorted(tracks, key=_sureness, reverse=True):
         right = np.mean([hand.right for _, hand in track])
@@ -96,6 +98,21 @@ def by_side(tracks: Sequence[Sequence[tuple[int, TrackedHand]]]) -> dict[Side, H
                 slots[side] = dict(track) | slots[side]
                 break
     return {side: _joined(slot) for side, slot in slots.items() if slot}
+
+
+def _of_different_hands(
+    tracks: Sequence[Sequence[tuple[int, TrackedHand]]],
+) -> list[Sequence[tuple[int, TrackedHand]]]:
+    kept: list[Sequence[tuple[int, TrackedHand]]] = []
+    for track in sorted(tracks, key=len, reverse=True):
+        if not any(_is_of_same_hand(track, dict(other)) for other in kept):
+            kept.append(track)
+    return kept
+
+
+def _is_of_same_hand(track: Sequence[tuple[int, TrackedHand]], other: Mapping[int, TrackedHand]) -> bool:
+    shared = [(hand, other[index]) for index, hand in track if index in other]
+    return 2 * sum(is_same_hand(hand.px, its.px) for hand, its in shared) > len(shared)
 
 
 def _sureness(track: Sequence[tuple[int, TrackedHand]]) -> float:

@@ -24,3 +24,16 @@ class TrackedHand:
     world: np.ndarray
     presence: float
     right: float
+
+
+_SAME_HAND = 0.12  # mean distance of landmarks from another hand's nearest, as a share of the larger hand
+
+
+def is_same_hand(px: np.ndarray, other_px: np.ndarray) -> bool:
+    """Tell whether landmarks [21, 2] and others lie on one hand of a picture, whatever finger each is taken for.
+
+    Two hands that touch, or that cover each other by half, are farther apart.
+    """
+    apart_px = np.linalg.norm(px[:, None] - other_px, axis=-1)
+    size_px = max(np.ptp(px, axis=0).max(), np.ptp(other_px, axis=0).max(), 1e-9)
+    return bool((apart_px.min(0).mean() + apart_px.min(1).mean()) / 2 < _SAME_HAND * size_px)

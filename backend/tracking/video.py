@@ -84,6 +84,7 @@ _LEAST_SHARE, _MOST_NOMINAL_FPS = 0.1, 240.0  # a mean rate below that share of 
 _DOUBTFUL_COUNT = 100_000  # an estimate of so many frames may come from a jump of the clock, so they are counted
 _MOST_SIDE_PX = 8192
 _QUARTER_DEG = 90
+_EARLY = 0.25  # of a step, by which a frame may come before its time
 
 
 class VideoFrame(NamedTuple):
@@ -128,6 +129,14 @@ class Video:
         """
         for time_s, picture in self._decoded(_upright):
             yield VideoFrame(time_s, picture)
+
+    def thinned(self, most_fps: float) -> Iterator[VideoFrame]:
+        """Yield at most so many frames a second, evenly; the same ones each time. Raises as `frames`."""
+        next_s = 0.0
+        for frame in self.decoded():
+            if frame.time_s >= next_s - _EARLY / most_fps:
+                next_s = frame.time_s + 1 / most_fps
+                yield VideoFrame(frame.time_s, frame.picture())
 
     def decoded(self) -> Iterator[DecodedFrame]:
         """Yield the same frames before they become pictures, so that some can be left out. Raises as `frames`."""

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 PRESET_NAMES = ("default", "relightable", "poseless", "paper")
 """The names in `avatars.avatar.PRESETS`, which needs torch."""
 _SURFACE_DEVIATION_M = 0.001  # with --refine-surface
+_FEW_STEPS = 1000  # below which a budget of time was too small
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -108,6 +109,11 @@ def _train(args: argparse.Namespace, device: torch.device, processes: Processes)
     compute = ComputeSetup(device, args.precision, processes)
     setup = _setup(args, output, device)
     result = train(setup, config, output, compute, from_options(ReportConfig, args), args.resume)
+    if processes.is_first and config.minutes is not None and result.progress.step < _FEW_STEPS:
+        warn(
+            f"{output}: {config.minutes:g} minutes brought only {result.progress.step} steps, below {_FEW_STEPS:,} an "
+            "avatar is blurred or worse; give more --minutes, or --half-size and --from an avatar that ships"
+        )
     return _summary(output, result) if processes.is_first else {}
 
 

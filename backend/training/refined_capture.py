@@ -12,6 +12,7 @@ import torch
 
 from ..avatars.avatar import Avatar
 from ..capture.capture import Capture, save_capture_index
+from ..capture.half_size import at_own_size
 from ..hand.model import HandModel
 from ..hand.model_file import ARM_KEY, load_hand_model
 from ..system.files import replacing
@@ -51,6 +52,8 @@ def refined_poses(
 def save_refined_capture(capture: Capture, refinement: Refinement, hand: HandModel, folder: Path) -> HandModel:
     """Write `transforms.json` and `poses.npz`, and the hand model if its surface was refined.
 
+    The images are the original's files, and so are the cameras, also where training sees them at half their size.
+
     Args:
         capture: the original capture.
         refinement: of that capture.
@@ -62,6 +65,7 @@ def save_refined_capture(capture: Capture, refinement: Refinement, hand: HandMod
     """
     folder.mkdir(parents=True, exist_ok=True)
     refined = _refined_hand(refinement, hand, folder)
+    capture = at_own_size(capture)
     provenance = {**capture.provenance, "refined_by": "livehand train"}
     poses, sha256 = refinement.poses(), refined.sha256
     reported = replace(capture, hand_sha256=sha256, provenance=provenance, poses=poses)

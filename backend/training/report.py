@@ -1,4 +1,4 @@
-"""What training reports while it runs: a progress bar, metrics, and previews of held-out views."""
+"""What training reports while it runs: a progress bar or lines, metrics, and previews of held-out views."""
 
 from __future__ import annotations
 
@@ -25,6 +25,9 @@ def log_path(output: Path) -> Path:
 def preview_path(output: Path) -> Path:
     """Return the path of the latest preview of an avatar in training."""
     return output.with_suffix(".preview.png")
+
+
+_LINE_EVERY_S = 20.0  # where no bar is seen moving
 
 
 class TrainingReport:
@@ -60,6 +63,7 @@ class TrainingReport:
         self._terms: list[dict[str, float]] = []  # of the steps since the last log entry
         self._rate_factor, self._skipped = 0.0, 0
         self._preview_interval = Interval(60 * config.preview_minutes, clock)
+        self._line_interval = Interval(0.0 if sys.stderr.isatty() else _LINE_EVERY_S, clock)
         self._writers = _open_writers(output, config, first_step) if output else []
         self._bar = tqdm(
             total=round(schedule.total),
@@ -87,6 +91,8 @@ class TrainingReport:
         else:
             self._terms.append(result.terms)
         self._update_bar(step, result)
+        if self._line_interval.is_due():
+            self._print_progress(step, result)
         if step % self._config.log_every == 0:
             self._log(step)
         if self._preview_interval.is_due():
@@ -135,6 +141,16 @@ class TrainingReport:
         skipped = f", {self._skipped} skipped" if self._skipped else ""
         self._bar.set_postfix_str(count + loss + skipped, refresh=False)
         self._bar.update(int(self._schedule.done(step, self._clock.total_s)) - self._bar.n)
+
+    def _print_progress(self, step: int, result: StepResult) -> None:
+        """Print a line of progress, for logs and pipes."""
+        total_s = self._clock.total_s
+        share = self._schedule.done(step, total_s) / self._schedule.total
+        step_s = self._clock.session_s / (step - self._first_step)
+        left_minutes = self._schedule.remaining_s(step, total_s, step_s) / 60
+        self._print(
+            f"step {step}, {share:.0%}, loss {result.terms['total']:.4f}, about {left_minutes:.1f} minutes left"
+        )
 
     def _print(self, line: str) -> None:
         if self._output:

@@ -141,11 +141,16 @@ def _model_of(subject: HandWithMaterials | HandModel) -> HandModel:
     return subject.model if isinstance(subject, HandWithMaterials) else subject
 
 
-def builtin_surface(model: HandModel, person: Person, maps_folder: Path) -> SkinSurface:
-    """Add a person's detailed hand to the scene, with its skin; the folder gets the baked maps, or has them."""
+def builtin_surface(
+    model: HandModel, person: Person, maps_folder: Path, factor: bpy.types.Image | None = None
+) -> SkinSurface:
+    """Add a person's detailed hand to the scene, with its skin; the folder gets the baked maps, or has them.
+
+    An image over the atlas may multiply the skin's albedo.
+    """
     surface, tone = SkinSurface.create(model, detailed_surface(model), person.veins_mm), SkinTone.of(person)
     maps = bake_skin(surface.object, maps_folder, tone)
-    surface.object.data.materials.append(baked_material(maps, tone))
+    surface.object.data.materials.append(baked_material(maps, tone, factor))
     return surface
 
 

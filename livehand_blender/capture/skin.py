@@ -29,6 +29,7 @@ _FEATURES = ("nail_polish", "folds", "freckles")  # of a tone, beside its colour
 # What the blood of a usual skin absorbs, as the exponent of a colour: of green most.
 _BLOOD = np.array([0.03, 0.38, 0.58])
 _POLISH_ROUGHNESS = 0.08
+_MOST_ALBEDO = 0.95
 _LINES_MM = 0.079  # how deep the fine lines of the back are where they are strongest
 # Their nets: cells per mm along and across the digits, strength where they are weak and strong, half a width in cells.
 _NETS = (((0.62, 0.38, 0.38), (0.45, 0.8), 0.2), ((1.25, 0.8, 0.8), (0.15, 0.45), 0.25))
@@ -70,7 +71,7 @@ class SkinTone:
         for name in _COLOURS:
             light, deep = np.log(getattr(_LIGHT, name)), np.log(getattr(_DEEP, name))
             absorbed = (1 - person.melanin) * light + person.melanin * deep - (person.blood - 1) * _BLOOD
-            colours[name] = tuple(float(channel) for channel in np.minimum(np.exp(absorbed), 0.95))
+            colours[name] = tuple(float(channel) for channel in np.minimum(np.exp(absorbed), _MOST_ALBEDO))
         return cls(**colours, nail_polish=person.nail_polish, folds=person.folds, freckles=person.freckles)
 
 
@@ -272,11 +273,13 @@ def _nail_rim(graph: NodeGraph, masks: dict[str, Socket]) -> Socket:
     return graph.total(graph.product(beside, step), furrow)
 
 
-def shade(graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone: SkinTone) -> None:
+def shade(
+    graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone: SkinTone, factor: Socket | None = None
+) -> None:
     """Drive a Principled BSDF: the pose (`flex`) fades dorsal folds, deepens palmar creases and blanches knuckles.
 
     Light is scattered less where parts run into each other (`crossing`): it would end inside the other part, and red,
-    which goes farthest, would leave a teal line.
+    which goes farthest, would leave a teal line. A factor multiplies the colour.
     """
     flex = graph.attribute("flex")
     blanch = graph.product(graph.math("MULTIPLY", channels.knuckle, flex, clamp=True), 0.42)
@@ -284,6 +287,8 @@ def shade(graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone
     palmar = graph.product(channels.fold_palmar, graph.total(DEEPENED_FROM, graph.product(flex, DEEPENED_BY)))
     in_fold = graph.math("ADD", graph.product(dorsal, 0.42), graph.product(palmar, 0.45), clamp=True)
     colour = graph.mix(in_fold, graph.mix(blanch, channels.albedo, tone.blanch), tone.fold)
+    if factor is not None:
+        colour = graph.mix(1.0, graph.mix(1.0, colour, factor, "MULTIPLY"), (_MOST_ALBEDO,) * 3, "DARKEN")
     depth = graph.total(graph.product(dorsal, 0.36 * tone.folds), graph.product(palmar, 0.55 * tone.folds))
     bump = graph.node("ShaderNodeBump")
     bump.inputs["Strength"].default_value = 1.0
@@ -305,22 +310,23 @@ def shade(graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone
         graph.connect(value, shader.inputs[name])
 
 
-def baked_material(maps: dict[str, Path], tone: SkinTone) -> bpy.types.Material:
-    """Make the skin from its three baked maps (`bake.MAPS`)."""
+def baked_material(maps: dict[str, Path], tone: SkinTone, factor: bpy.types.Image | None = None) -> bpy.types.Material:
+    """Make the skin from its three baked maps (`bake.MAPS`); an image over the atlas may multiply its albedo."""
     material = bpy.data.materials.new("skin")
     graph = NodeGraph(enable_nodes(material))
     uv = graph.node("ShaderNodeUVMap", uv_map=UV_LAYER).outputs[0]
 
-    def texture(name: str) -> Socket:
+    def texture(image: bpy.types.Image) -> Socket:
         node = graph.node("ShaderNodeTexImage", interpolation="Linear")
-        node.image = bpy.data.images.load(str(maps[name]))
+        node.image = image
         node.image.colorspace_settings.name = "Non-Color"
         graph.connect(uv, node.inputs[0])
         return node.outputs["Color"]
 
-    albedo = texture("albedo")
-    relief, fold_dorsal, fold_palmar = graph.separate(texture("height"))
-    roughness, subsurface, knuckle = graph.separate(texture("mask"))
+    albedo, height, mask = (texture(bpy.data.images.load(str(maps[name]))) for name in ("albedo", "height", "mask"))
+    relief, fold_dorsal, fold_palmar = graph.separate(height)
+    roughness, subsurface, knuckle = graph.separate(mask)
     channels = SkinChannels(albedo, roughness, subsurface, relief, fold_dorsal, fold_palmar, knuckle)
-    shade(graph, graph.tree.nodes["Principled BSDF"], channels, tone)
+    own = None if factor is None else texture(factor)
+    shade(graph, graph.tree.nodes["Principled BSDF"], channels, tone, own)
     return material

@@ -13,7 +13,7 @@ from ...backend.avatars.library import SKINS, shipped_avatar_path
 from ...backend.avatars.metadata import AvatarMetadata, read_metadata
 from ...backend.records.errors import LiveHandError
 from ..render.hand_source import hand_source
-from .preferences import avatar_folder
+from .preferences import avatar_folder, library_folder
 
 
 class AvatarLibrary:
@@ -28,10 +28,10 @@ class AvatarLibrary:
         bpy.utils.previews.remove(self._icons)
 
     def offered(self, context: bpy.types.Context, armature: bpy.types.Object) -> list[AvatarMetadata]:
-        """List avatars of the hand's own model: LiveHand's, and those in three folders.
+        """List avatars of the hand's own model: LiveHand's, and those in some folders.
 
-        The folders are the one of the preferences, that of the hand's avatar, and that of the hand's model. Files that
-        are not avatars are left out.
+        The folders are those of avatars made in Blender, of the preferences, of the hand's avatar and of its model.
+        Files that are not avatars are left out.
         """
         paths = dict.fromkeys(path.resolve() for path in _candidates(context, armature))
         found = (self._metadata(path) for path in paths)
@@ -83,6 +83,6 @@ def _candidates(context: bpy.types.Context, armature: bpy.types.Object) -> Itera
     yield from map(shipped_avatar_path, SKINS)
     source = hand_source(armature)
     yield source.avatar_path
-    folders = [avatar_folder(context), source.avatar_path.parent, source.model_path.parent]
+    folders = [library_folder(context), avatar_folder(context), source.avatar_path.parent, source.model_path.parent]
     for folder in filter(None, folders):
         yield from sorted(folder.glob("*.safetensors"))

@@ -102,6 +102,7 @@ class LIVEHAND_PT_avatar(HandTab, bpy.types.Panel):
         column = layout.column()
         column.prop(armature.livehand, "skin")
         column.prop(armature.livehand, "avatar_path", text="File", placeholder="of your own")
+        layout.operator("livehand.person_from_pictures", text="From Film or Photographs", icon="FILE_MOVIE")
 
 
 class LIVEHAND_PT_choose_avatar(Tab, bpy.types.Panel):

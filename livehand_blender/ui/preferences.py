@@ -44,6 +44,15 @@ def avatar_folder(context: bpy.types.Context) -> Path | None:
     return Path(bpy.path.abspath(chosen)) if chosen else None
 
 
+def library_folder(context: bpy.types.Context) -> Path:
+    """Return the folder for avatars that are made here: the user's own of the preferences, or one of Blender's data."""
+    folder = avatar_folder(context)
+    if folder is None:
+        folder = Path(bpy.utils.user_resource("DATAFILES", path="livehand/avatars", create=True))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
 def draw_install_help(layout: bpy.types.UILayout, missing: bool) -> None:
     """Draw how to install missing packages; draws nothing if none is missing."""
     if not missing:

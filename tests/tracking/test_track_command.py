@@ -92,8 +92,19 @@ def test_a_turning_hand_becomes_a_capture(film, shown, tmp_path, capsys):
     check_capture(capture, load_default_hand())
     assert len({pose.beta.tobytes() for pose in capture.poses}) == 1
     assert result["overlap"] > 0.8
+    assert 0.3 < result["covered"] < 0.6  # of one side
     assert main(command) == 1
     assert "a new capture needs an empty folder" in capsys.readouterr().err
+
+
+def test_a_still_hand_is_told_before_it_is_tracked(film, shown, tmp_path, capsys, monkeypatch):
+    pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")
+    monkeypatch.setattr(HandTracker, "track", lambda *_: pytest.fail("it was tracked"))
+    still = [np.roll(shown("palm")[::2, ::2], shift, 1) for shift in range(8)]  # it moves, and does not turn
+    folder = tmp_path / "capture"
+    assert main(["track", str(film(still)), "-o", str(tmp_path / "t.npz"), "--capture", str(folder)]) == 1
+    assert "a hand that turns, got a still one" in capsys.readouterr().err
+    assert not folder.exists()
 
 
 @pytest.mark.slow

@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 import torch
+from livehand.backend.tracking import tracker as tracker_module
 from livehand.backend.tracking.crop import HandRegion, cropped, region_of_landmarks, upward_angle
-from livehand.backend.tracking.tracker import HandTracker, merged
+from livehand.backend.tracking.networks import TorchNetwork
+from livehand.backend.tracking.palm_search import find_hands, merged
+from livehand.backend.tracking.takes import by_side
+from livehand.backend.tracking.tracked_hand import TrackedHand
+from livehand.backend.tracking.tracker import HandTracker
 
 NAMES = ("palm", "back", "left")
 
@@ -60,6 +65,45 @@ def test_a_hand_that_was_covered_is_found_again_at_once(tracker, shown):
     np.testing.assert_allclose(again.px, first.px, atol=1e-3)
 
 
+@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
+def test_a_hand_that_fills_the_picture_is_found(networks, shown, quarters):
+    """The ordinary search does not find it: its palm is larger than any that the detector knows."""
+    (whole,) = HandTracker(networks, 1).track(shown("palm"))
+    low, high = whole.px.min(0).astype(int) - 40, whole.px.max(0).astype(int) + 40
+    tight = np.ascontiguousarray(np.rot90(shown("palm")[low[1] : high[1], low[0] : high[0]], quarters))
+    assert find_hands(tight, TorchNetwork(networks.palm)) == []
+    tracker = HandTracker(networks, 2)
+    seen = [hands for _ in range(16) if (hands := tracker.track(tight))]
+    assert seen
+    (hand,) = seen[-1]
+    height, width = tight.shape[:2]
+    px = hand.px
+    for _ in range(quarters):  # back: a quarter is anticlockwise, so up becomes left
+        px, height, width = np.stack([height - px[:, 1], px[:, 0]], 1), width, height
+    assert np.linalg.norm(px + low - whole.px, axis=1).mean() < 0.06 * (high - low).max()  # its edge is all there is
+
+
+def test_noise_costs_two_searches_a_frame(networks, shown, monkeypatch):
+    searches = []
+    monkeypatch.setattr(tracker_module, "find_hands", lambda *args: searches.append(args) or find_hands(*args))
+    noise = np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)
+    tracker = HandTracker(networks)
+    assert [tracker.track(noise) for _ in range(5)] == [[]] * 5
+    assert len(searches) == 10
+
+
+def test_one_hand_is_not_two(networks, shown):
+    """A second region of the same hand, turned, would be followed beside the first."""
+    tracker = HandTracker(networks, 2)
+    (hand,) = tracker.track(shown("palm"))
+    region = region_of_landmarks(hand.px)
+    centre = region.centre_px + 0.35 * region.side_px
+    tracker._follow(HandRegion(centre, region.side_px, region.angle_rad + 0.6))
+    assert len(tracker._followed) == 2
+    for _ in range(4):
+        assert len(tracker.track(shown("palm"))) == 1
+
+
 def test_noise_is_no_hand(tracker):
     noise = np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)
     assert [tracker.track(noise) for _ in range(3)] == [[], [], []]
@@ -110,3 +154,15 @@ def test_overlapping_finds_become_their_weighted_mean():
     np.testing.assert_allclose(found[0], box + 0.02 * 0.6 / 1.5)
     np.testing.assert_allclose(found[1], box + 0.5)
     assert merged(np.zeros((0, 9, 2)), np.zeros(0)) == []
+
+
+def test_tracks_of_one_hand_are_one_whatever_their_labels():
+    """Of two tracks on one hand the longer stays; a hand beside it is another's."""
+    px = np.random.default_rng(2).uniform(0, 100, (21, 2))
+    seen = lambda track, frames, right, shift: [  # noqa: E731
+        (frame, TrackedHand(track, px + shift, np.zeros((21, 3)), 1.0, right)) for frame in frames
+    ]
+    long, short, beside = seen(0, range(9), 0.6, 0.0), seen(1, range(2, 8), 0.0, 3.0), seen(2, range(9), 0.7, 60.0)
+    assert {side: len(hand.frames) for side, hand in by_side([short, long]).items()} == {"right": 9}
+    both = by_side([short, long, beside])
+    assert {side: round(hand.px[0, 0, 0] - px[0, 0]) for side, hand in both.items()} == {"right": 60, "left": 0}

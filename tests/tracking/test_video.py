@@ -40,6 +40,15 @@ def test_a_rate_that_varies_keeps_its_true_times(film, shown):
     np.testing.assert_allclose([frame.time_s for frame in frames], times, atol=1e-3)
 
 
+@pytest.mark.parametrize(("most_fps", "kept"), [(60.0, [0, 1, 2, 3, 4, 5]), (15.0, [0, 2, 4]), (10.0, [0, 3])])
+def test_a_thinned_film_has_frames_at_equal_times(film, shown, most_fps, kept):
+    video = open_video(film(moving(shown)))
+    frames, thinned = list(video.frames()), list(video.thinned(most_fps))
+    assert [frame.time_s for frame in thinned] == [frames[index].time_s for index in kept]
+    for frame, index in zip(thinned, kept, strict=True):
+        np.testing.assert_array_equal(frame.picture, frames[index].picture)
+
+
 @pytest.mark.parametrize("name", ["film.mp4", "film.mkv", "film.ts"])
 def test_a_clock_that_jumps_by_a_day_costs_one_frame_and_a_warning(film, shown, name, capsys):
     jumped = [index / 30 + (80_000 if index >= 5 else 0) for index in range(8)]

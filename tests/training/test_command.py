@@ -74,8 +74,10 @@ def test_the_command_fine_tunes_for_a_time(painted_capture, tmp_path, capsys):
     for output, length in zip(outputs, lengths, strict=True):
         arguments = ["train", str(painted_capture.folder), "-o", output, *length, *common]
         assert run_commands("livehand", "", COMMANDS, arguments) == 0
-    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    printed = capsys.readouterr()
+    result = json.loads(printed.out.splitlines()[-1])
     assert result["steps"] >= 1
+    assert printed.err.count("steps, below 1,000") == 1  # of the budget of minutes alone
     assert result["minutes"] >= 0.005
     assert result["held_out"] == {}
     provenance = load_avatar(outputs[1]).provenance

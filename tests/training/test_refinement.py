@@ -10,6 +10,8 @@ import torch
 from livehand.backend.avatars.avatar import PRESETS, new_avatar
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.capture.capture import Capture, CaptureView, load_capture, save_capture_index
+from livehand.backend.capture.check import check_capture
+from livehand.backend.capture.half_size import half_size
 from livehand.backend.evaluation.evaluate import encoded_on_black
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_vertices
@@ -268,6 +270,16 @@ def test_a_refined_capture_has_its_masks(capture, hand, tmp_path):
     )
     back = load_capture(tmp_path / "r")
     np.testing.assert_array_equal(back.read_image(back.views[0]), masked.read_image(masked.views[0]))
+
+
+def test_the_refinement_of_a_halved_capture_fits_the_images_own_size(capture, hand, tmp_path):
+    halved = half_size(capture)
+    refinement = Refinement(halved, hand, replace(ALL, surface_deviation_m=0.0), CPU)
+    save_refined_capture(halved, refinement, hand, tmp_path / "r")
+    back = load_capture(tmp_path / "r")
+    check_capture(back, hand)
+    assert [view.camera.size_px for view in back.views] == [view.camera.size_px for view in capture.views]
+    np.testing.assert_array_equal(back.read_image(back.views[0]), capture.read_image(capture.views[0]))
 
 
 def test_a_refined_surface_is_a_hand_model_of_its_own(capture, hand, tmp_path):

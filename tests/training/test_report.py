@@ -1,5 +1,6 @@
 """What training reports: the log, TensorBoard, and the preview of held-out views."""
 
+import re
 import sys
 from dataclasses import replace
 
@@ -72,6 +73,19 @@ def test_the_log_holds_means_pace_and_remaining_time(report_of, tmp_path, now, a
         "skipped": 1,
     }
     assert (last["step"], last["loss/colour"]) == (14, 12.5)
+
+
+def test_where_no_bar_is_seen_there_is_a_line_every_20_seconds(report_of, now, avatar, capsys):
+    config = TrainConfig(steps=10, warmup_steps=1)
+    with report_of(SILENT, config, Clock(now=lambda: now[0])) as report:
+        for step in range(6):
+            now[0] += 9
+            report.step(Schedule(config).at(step), StepResult({"total": 0.5}, ()), lambda: avatar)
+    lines = [line for line in re.split(r"[\r\n]+", capsys.readouterr().err) if line.startswith("step ")]
+    assert lines == [
+        "step 3, 30%, loss 0.5000, about 1.1 minutes left",
+        "step 6, 60%, loss 0.5000, about 0.6 minutes left",
+    ]
 
 
 def test_a_resumed_log_drops_the_steps_that_will_be_repeated(tmp_path, lines):

@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from ...geometry.rasterise import rasterise
 from ...geometry.tolerances import NEAR_M
+from ...hand.model import HandModel
 from ...records.camera import Camera
 from ...records.errors import LiveHandError
 
@@ -102,6 +103,13 @@ def grabcut_mask(
     found = _cut(image[crop], MaskRegions(*(region[crop] for region in regions)), config)
     mask[crop] = _largest_component((found | regions.core[crop]) & ~regions.forearm[crop])
     return mask
+
+
+def short_of_arm(vertices: np.ndarray, hand: HandModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return the posed vertices of the hand itself, and its faces among them; a model without an arm stays whole."""
+    is_hand = hand.framed_vertices
+    index = np.cumsum(is_hand) - 1
+    return vertices[is_hand], index[hand.f[is_hand[hand.f].all(1)]]
 
 
 def _silhouette(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> np.ndarray:

@@ -27,7 +27,7 @@ from ..picture import (
     read_picture,
     srgb_to_linear,
 )
-from .mask import MaskConfig, grabcut_mask, hand_regions, load_opencv
+from .mask import MaskConfig, grabcut_mask, hand_regions, load_opencv, short_of_arm
 
 FOLDER = "masks"
 _WHITE_SHARE, _WHITE, _DARKEST = 98, 0.9, 1e-6  # percentile of a linear image, and the value that it becomes
@@ -107,7 +107,7 @@ def _mask_view(
     vertices, joints = posed_arrays(hand, capture.poses[view.pose_index])
     faces = hand.f
     if config.ends_at_wrist:
-        vertices, faces = _short_of_arm(vertices, hand)
+        vertices, faces = short_of_arm(vertices, hand)
     regions = hand_regions(vertices, joints, faces, view.camera, config)
     if path.is_file() and not redo:
         mask = read_mask(path, view.camera.size_px)
@@ -119,13 +119,6 @@ def _mask_view(
     is_hand = mask > 127
     union = (is_hand | regions.silhouette).sum()
     return MaskedView(view, float((is_hand & regions.silhouette).sum() / union) if union else 1.0)
-
-
-def _short_of_arm(vertices: np.ndarray, hand: HandModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return the posed vertices of the hand itself, and its faces among them; a model without an arm stays whole."""
-    is_hand = hand.framed_vertices
-    index = np.cumsum(is_hand) - 1
-    return vertices[is_hand], index[hand.f[is_hand[hand.f].all(1)]]
 
 
 def _photograph(capture: Capture, view: CaptureView, in_all_lights: Callable[[int, int], np.ndarray]) -> np.ndarray:

@@ -101,10 +101,15 @@ def landmarks_of(model: HandModel, pose: HandPose) -> np.ndarray:
     from ...hand.lbs import posed_arrays  # with torch, which readers of files can do without
 
     vertices, joints = posed_arrays(model, pose)
-    right = model.for_side("right")
-    tips = [vertices[np.argmax(_finger_rows(right, finger)[3])] for finger in range(5)]
+    tips = vertices[tip_vertices(model)]
     fingers = [[*joints[3 * finger + 1 : 3 * finger + 4], tips[finger]] for finger in range(5)]
     return np.concatenate([joints[:1], *fingers])[list(NODES_OF_LANDMARKS)]
+
+
+def tip_vertices(model: HandModel) -> np.ndarray:
+    """Return [5] the vertex at the tip of each finger."""
+    right = model.for_side("right")
+    return np.array([np.argmax(_finger_rows(right, finger)[3]) for finger in range(5)])
 
 
 def node_jacobian(posed: PosedSkeleton) -> np.ndarray:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import secrets
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -27,101 +27,20 @@ from ...geometry.tolerances import NEAR_M
 from ...hand.lbs import posed_vertices
 from ...hand.model import HandModel
 from ...motion.landmarks.take_file import FilmedTake
-from ...motion.landmarks.take_fit import MOST_FIT_ERROR, TakeFit
-from ...motion.motion import HandMotion, mirrored
-from ...motion.resampling import sampled_at
-from ...motion.spaces import rest_wrists, to_blender, transformed
+from ...motion.landmarks.take_fit import TakeFit
 from ...records.camera import Camera
 from ...records.errors import LiveHandError
 from ...records.side import Side
 from ..resting_camera import MOST_CHANGE, ground_change
-from ..video import VideoFrame
+from .coverage import covered_share
 from .frame_choice import blur_of, chosen_frames, held_out
+from .seen_hand import Frames, SeenHand, film_camera, frames_of, seen_hand
+from .window import Window, camera_of, image_of, window_around, with_points
 
-LONGEST_PX = 512
-"""The longer side of a hand in its image; larger ones are made smaller."""
-_MARGIN = 0.12  # of the hand's longer side, on each side
-_LEAST_PX = 8
-_FARTHEST = 1.0  # of the window's longer side, beyond it: an arm is as long as a hand
-
-
-class Window(NamedTuple):
-    """A rectangle of whole pixels, of which a part may lie beyond the picture.
-
-    Attributes:
-        x: of the upper left pixel.
-        y: of that pixel.
-        size_px: (width, height).
-        share: size of its image against its own, at most 1.
-    """
-
-    x: int
-    y: int
-    size_px: tuple[int, int]
-    share: float = 1.0
-
-    def of(self, picture: np.ndarray) -> np.ndarray:
-        """Cut it out of a picture [H, W, ...]; beyond the picture, the picture's edge goes on."""
-        width, height = self.size_px
-        rows = (self.y + np.arange(height)).clip(0, picture.shape[0] - 1)
-        columns = (self.x + np.arange(width)).clip(0, picture.shape[1] - 1)
-        return picture[rows[:, None], columns]
-
-    def image_size_px(self) -> tuple[int, int]:
-        """Return the size of its image (width, height)."""
-        width, height = (max(1, round(side * self.share)) for side in self.size_px)
-        return width, height
-
-
-def window_around(points_px: np.ndarray, size_px: tuple[int, int]) -> Window:
-    """Return the window around a hand's points [N, 2], with a margin, inside a picture of a size (width, height)."""
-    low, high = points_px.min(0), points_px.max(0)
-    margin = _MARGIN * (high - low).max()
-    limit = np.array(size_px)
-    first = np.clip(np.floor(low - margin), 0, limit - _LEAST_PX).astype(int)
-    last = np.clip(np.ceil(high + margin), first + _LEAST_PX, limit).astype(int)
-    return _window(first, last, min(1.0, LONGEST_PX / (last - first).max()))
-
-
-def with_points(window: Window, points_px: np.ndarray) -> Window:
-    """Enlarge a window until it holds points [N, 2] as well, also beyond the picture; its image keeps its scale."""
-    first, size = np.array([window.x, window.y]), np.array(window.size_px)
-    farthest = np.ceil(_FARTHEST * size.max())
-    low, high = np.floor(points_px.min(0)), np.ceil(points_px.max(0))
-    first, last = (
-        np.clip(low, first - farthest, first).astype(int),
-        np.clip(high, first + size, first + size + farthest).astype(int),
-    )
-    return _window(first, last, window.share)
-
-
-def _window(first: np.ndarray, last: np.ndarray, share: float) -> Window:
-    (x, y), (width, height) = first.tolist(), (last - first).tolist()
-    return Window(x, y, (width, height), share)
-
-
-def camera_of(camera: Camera, window: Window) -> Camera:
-    """Return the camera of a window's image."""
-    cropped, size_px = camera.cropped(window.x, window.y, window.size_px), window.image_size_px()
-    shares = [after / before for after, before in zip(size_px, window.size_px, strict=True)]
-    return replace(cropped, K=np.diag([*shares, 1.0]) @ cropped.K, size_px=size_px)
-
-
-def image_of(picture: np.ndarray, window: Window) -> np.ndarray:
-    """Return a window's image, uint8 [h, w, 3]."""
-    part, size_px = window.of(picture), window.image_size_px()
-    if size_px == window.size_px:
-        return part
-    return np.asarray(Image.fromarray(part).resize(size_px, Image.Resampling.BOX))
-
-
-Frames = Callable[[], Iterable[VideoFrame]]
-"""Plays the film from its start."""
 MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0, ends_at_wrist=True)
 """The fit of a film is farther off than that of a rig, and knows no bend of the wrist."""
 _SAMPLES, _SAMPLE_WIDTH_PX = 16, 320  # in which it is seen whether the camera rests
 _COVERED = 0.5  # of the hand's size, around its landmarks, in which the arm may be too
-_LEAST_INSIDE = 0.95  # of the landmarks, in the picture
 
 
 @dataclass(frozen=True)
@@ -133,33 +52,14 @@ class FilmedCapture:
         overlap: mean intersection over union of the masks and the posed mesh.
         frames: [N] of the film, one an image.
         fit_error: [N] of the fit in them.
+        covered: share of the hand's skin that they show.
     """
 
     capture: Capture
     overlap: float
     frames: np.ndarray
     fit_error: np.ndarray
-
-
-@dataclass(frozen=True)
-class _Candidates:
-    """Frames of the film in which the hand is seen whole, without a large fit error, as a right hand's.
-
-    Attributes:
-        frames: [N] increasing indices.
-        motion: of N poses, in the capture's world.
-        fit_error: [N].
-        px: [N, 21, 2] landmarks in the picture.
-    """
-
-    frames: np.ndarray
-    motion: HandMotion
-    fit_error: np.ndarray
-    px: np.ndarray
-
-    def of(self, indices: np.ndarray) -> _Candidates:
-        motion = replace(self.motion, theta=self.motion.theta[indices], transl=self.motion.transl[indices])
-        return _Candidates(self.frames[indices], motion, self.fit_error[indices], self.px[indices])
+    covered: float
 
 
 def check_capture_can_be_made(folder: Path) -> None:
@@ -200,22 +100,22 @@ def write_filmed_capture(
     """
     check_capture_can_be_made(folder)
     right = model.for_side("right")
-    camera = _camera(take)
-    seen = _candidates(take, side, fit, right)
-    blurs, change = _looked_at(play, seen, camera.size_px)
+    camera = film_camera(take)
+    seen = seen_hand(take, side, fit, right)
+    blurs, change = looked_at(play, seen, camera.size_px)
     if change is not None and change > MOST_CHANGE:
         raise LiveHandError(
             f"the camera must rest while the hand turns, got a ground that changes by {change:.0f} of 255 "
             f"(at most {MOST_CHANGE:.0f}); put the phone on a stand, lock its exposure, and film again"
         )
-    chosen = seen.of(chosen_frames(seen.motion, seen.fit_error, blurs))
+    chosen = _chosen(seen, blurs, right, camera)
     poses = tuple(chosen.motion.pose(index) for index in range(len(chosen.frames)))
     windows = [_window_of(posed_vertices(right, pose), right, camera) for pose in poses]
     views = _views([camera_of(camera, window) for window in windows])
     provenance = _provenance(source, take, side, chosen)
     with _whole_or_not_at_all(folder) as partial:
         (partial / "images").mkdir()
-        for index, picture in _shown(play, chosen.frames):
+        for index, picture in frames_of(play, chosen.frames):
             shown = picture[:, ::-1] if side == "left" else picture
             Image.fromarray(image_of(shown, windows[index])).save(partial / views[index].file)
         capture = Capture(partial, right.sha256, provenance, poses, views)
@@ -223,14 +123,20 @@ def write_filmed_capture(
         masked = mask_capture(partial, right, MASKS)
     views = tuple(each.view for each in masked)
     overlap = float(np.mean([each.overlap for each in masked]))
-    return FilmedCapture(replace(capture, folder=folder, views=views), overlap, chosen.frames, chosen.fit_error)
+    covered = covered_share(poses, [camera] * len(poses), right)
+    return FilmedCapture(
+        replace(capture, folder=folder, views=views), overlap, chosen.frames, chosen.fit_error, covered
+    )
 
 
-def _camera(take: FilmedTake) -> Camera:
-    """Return the film's camera, in the world that `_candidates` brings the hand to."""
-    width, height = take.camera.size_px
-    K = np.array([[take.camera.focal_px, 0, width / 2], [0, take.camera.focal_px, height / 2], [0, 0, 1.0]])
-    return Camera(K, to_blender("opencv"), take.camera.size_px)
+def _chosen(seen: SeenHand, blurs: np.ndarray, right: HandModel, camera: Camera) -> SeenHand:
+    """Choose the frames of the capture; where they are too few, the error says how much skin all of them show."""
+    try:
+        return seen.of(chosen_frames(seen.motion, seen.fit_error, blurs))
+    except LiveHandError as error:
+        some = range(0, len(seen.frames), max(1, len(seen.frames) // _SAMPLES))
+        share = covered_share([seen.motion.pose(index) for index in some], [camera] * len(some), right)
+        raise LiveHandError(f"{error}; the film shows {share:.0%} of the hand's skin") from error
 
 
 def _window_of(vertices: np.ndarray, right: HandModel, camera: Camera) -> Window:
@@ -243,31 +149,12 @@ def _window_of(vertices: np.ndarray, right: HandModel, camera: Camera) -> Window
     return with_points(window_around(px[right.framed_vertices], camera.size_px), px[depth_m > NEAR_M])
 
 
-def _candidates(take: FilmedTake, side: Side, fit: TakeFit, right: HandModel) -> _Candidates:
-    hand = take.hands[side]
-    times = take.times[hand.frames]
-    at = (times - fit.start_s) * (fit.motion.fps or take.fps)
-    nearest = np.clip(np.round(at).astype(int), 0, len(fit.motion) - 1)
-    inside = ((hand.px >= 0) & (hand.px < take.camera.size_px)).all(-1).mean(1)
-    fit_error = fit.fit_error[nearest]
-    is_sure = fit.is_keyed[nearest] & (fit_error < MOST_FIT_ERROR) & (inside >= _LEAST_INSIDE)
-    if not is_sure.any():
-        raise LiveHandError(
-            f"a capture needs a hand that is seen whole, got none of {len(times)} frames with a small fit error; "
-            "film the whole hand, larger and in light"
-        )
-    motion = sampled_at(fit.motion, at[is_sure])
-    motion = motion if side == "right" else mirrored(motion)
-    motion = transformed(motion, to_blender("opencv"), rest_wrists(right, motion.beta))
-    return _Candidates(hand.frames[is_sure], motion, fit_error[is_sure], hand.px[is_sure])
-
-
-def _looked_at(play: Frames, seen: _Candidates, size_px: tuple[int, int]) -> tuple[np.ndarray, float | None]:
+def looked_at(play: Frames, seen: SeenHand, size_px: tuple[int, int]) -> tuple[np.ndarray, float | None]:
     """Measure how blurred each frame's hand is [N], and how much the ground changes."""
     blurs = np.ones(len(seen.frames))
     step = max(1, len(seen.frames) // _SAMPLES)
     pictures, covered = [], []
-    for index, picture in _shown(play, seen.frames):
+    for index, picture in frames_of(play, seen.frames):
         blurs[index] = blur_of(window_around(seen.px[index], size_px).of(picture))
         if index % step == 0:
             small, mask = _sample(picture, seen.px[index])
@@ -288,14 +175,6 @@ def _sample(picture: np.ndarray, px: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return small, is_row[:, None] & is_column
 
 
-def _shown(play: Frames, frames: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the index among the frames, and the picture, of each of them."""
-    index_of = {int(frame): index for index, frame in enumerate(frames)}
-    for frame, (_, picture) in enumerate(play()):
-        if frame in index_of:
-            yield index_of[frame], picture
-
-
 def _views(cameras: Sequence[Camera]) -> tuple[CaptureView, ...]:
     is_out = held_out(len(cameras))
     return tuple(
@@ -304,7 +183,7 @@ def _views(cameras: Sequence[Camera]) -> tuple[CaptureView, ...]:
     )
 
 
-def _provenance(source: str, take: FilmedTake, side: Side, chosen: _Candidates) -> dict[str, Any]:
+def _provenance(source: str, take: FilmedTake, side: Side, chosen: SeenHand) -> dict[str, Any]:
     """Describe the capture, and so the header of an avatar trained on it, which gets its person's shape from it."""
     return {
         "made_by": "livehand track",

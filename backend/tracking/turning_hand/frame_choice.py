@@ -18,13 +18,17 @@ _LEAST_STEP = 1e-6
 _HELD_OUT_AT, _HELD_OUT_SHARE = (0.25, 0.75), 0.1  # middles of the stretches; their part of all frames
 
 
-def chosen_frames(motion: HandMotion, fit_error: np.ndarray, blur: np.ndarray) -> np.ndarray:
+def chosen_frames(
+    motion: HandMotion, fit_error: np.ndarray, blur: np.ndarray, least: int = LEAST_CHOSEN, most: int = MOST_CHOSEN
+) -> np.ndarray:
     """Choose frames that lie apart in pose, as increasing indices; of those that lie together, the best.
 
     Args:
         motion: of the T frames.
         fit_error: [T] of the fit.
         blur: [T] of the picture, as `blur_of` has it.
+        least: number of them.
+        most: number of them.
 
     Raises:
         LiveHandError: there are too few.
@@ -33,16 +37,16 @@ def chosen_frames(motion: HandMotion, fit_error: np.ndarray, blur: np.ndarray) -
     best = np.argsort(badness, kind="stable")[: max(1, round(_KEPT_SHARE * len(motion)))]
     points = _points(motion)[best]
     kept = _apart(points, _LEAST_APART_RAD)
-    if len(kept) < LEAST_CHOSEN:
+    if len(kept) < least:
         raise LiveHandError(
-            f"a capture needs a hand that turns: at least {LEAST_CHOSEN} sharp frames of poses that differ, "
+            f"a capture needs a hand that turns: at least {least} sharp frames of poses that differ, "
             f"got {len(kept)}; turn the hand slowly before the camera, for half a minute"
         )
     near, far = _LEAST_APART_RAD, _MOST_APART_RAD
-    for _ in range(_HALVINGS if len(kept) > MOST_CHOSEN else 0):
+    for _ in range(_HALVINGS if len(kept) > most else 0):
         middle = (near + far) / 2
         some = _apart(points, middle)
-        if len(some) > MOST_CHOSEN:
+        if len(some) > most:
             near = middle
         else:
             far, kept = middle, some

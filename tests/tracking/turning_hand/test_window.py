@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from livehand.backend.motion.spaces import to_blender
 from livehand.backend.records.camera import Camera
-from livehand.backend.tracking.turning_hand.filmed_capture import (
+from livehand.backend.tracking.turning_hand.window import (
     LONGEST_PX,
     camera_of,
     image_of,

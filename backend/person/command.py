@@ -1,0 +1,130 @@
+"""`livehand person`: from a film, photographs or a capture of somebody's hand to an avatar of theirs."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..hand.model_file import DEFAULT_HAND, load_hand_model
+from ..records.errors import LiveHandError
+from ..records.side import SIDES, Side
+from ..system.command import Command
+
+if TYPE_CHECKING:
+    from ..hand.model import HandModel
+    from .held_out import HeldOutFigures
+    from .picture import PicturedHand
+
+FILM_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".mts", ".ts")
+_MOST_PICTURES = 40
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "pictures", type=Path, help="a film, a folder of photographs, or a capture, of one hand from several sides"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FILE", help="the avatar to write (.safetensors)"
+    )
+    parser.add_argument("--name", help="of the person, for display (default: the file's name)")
+    parser.add_argument("--side", choices=SIDES, help="the hand to take (default: the one seen longer)")
+    parser.add_argument(
+        "--consent", default="", metavar="TEXT", help="what the person agreed to; kept in the avatar and in its frames"
+    )
+    parser.add_argument("--sheet", type=Path, metavar="FILE.png", help="pictures beside the avatar, and what was seen")
+    parser.add_argument("--weights", type=Path, metavar="DIR", help="the tracker's folder, if it is not the user's own")
+
+
+def _run(args: argparse.Namespace) -> dict[str, Any]:
+    return making(args, _say)
+
+
+def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, Any]:
+    """Make the avatar of the command's arguments; returns what the command reports.
+
+    Raises:
+        LiveHandError: the pictures, or the output, cannot be used.
+    """
+    from ..avatars.file import save_avatar
+    from .held_out import held_out_figures
+    from .making import MakingOptions, person_of_pictures
+    from .person_avatar import person_avatar
+    from .sheet import write_sheet
+    from .shipped_bases import shipped_bases
+
+    if args.output.suffix.lower() != ".safetensors":
+        raise LiveHandError(f"an avatar must be written to a .safetensors file, got {args.output.name}")
+    model = load_hand_model(DEFAULT_HAND)
+    hand = pictured_hand(args.pictures, model, args.side, args.weights, log)
+    made, hand = person_of_pictures(shipped_bases(model), hand, MakingOptions(), log)
+    beta = hand.pictures[0].pose.beta
+    figures = held_out_figures(made.model, hand.pictures, made.lights)
+    measured = {} if figures is None else {key: round(value, 3) for key, value in figures._asdict().items()}
+    provenance = {"source": hand.source, "side": hand.side, "pictures": len(hand.pictures), "consent": args.consent}
+    save_avatar(person_avatar(made, model, beta, args.name or args.output.stem, provenance), args.output)
+    numbers, seen = made.completed.numbers, float((made.completed.confidence > 0.5).mean())
+    if args.sheet:
+        write_sheet(args.sheet, made, hand.pictures, f"{args.output.stem}: {seen:.0%} of the skin was seen")
+    return {
+        "avatar": str(args.output),
+        "pictures": len(hand.pictures),
+        "seen": round(seen, 3),
+        "melanin": round(numbers.melanin, 3),
+        "blood": round(numbers.blood, 3),
+        "held_out": measured,
+        "notes": list(hand.notes),
+        "summary": "\n".join(
+            [
+                f"{args.output}: of {len(hand.pictures)} pictures, {seen:.0%} of the skin seen; "
+                f"melanin {numbers.melanin:.2f}, blood {numbers.blood:.2f}",
+                *([] if figures is None else [_figures_line(figures)]),
+                *(f"  {note}" for note in hand.notes),
+            ]
+        ),
+    }
+
+
+def pictured_hand(
+    source: Path, model: HandModel, side: Side | None, weights: Path | None, log: Callable[[str], None]
+) -> PicturedHand:
+    """Read pictures of a hand from whatever the source is.
+
+    Raises:
+        LiveHandError: there is nothing, no hand, or no hand that is good enough.
+    """
+    if (source / "transforms.json").is_file():
+        from .captured import pictures_of_capture
+
+        return pictures_of_capture(source, model, _MOST_PICTURES)
+    from ..tracking.weights import load_networks
+
+    if source.is_file() and source.suffix.lower() in FILM_SUFFIXES:
+        from .film import pictures_of_film
+
+        return pictures_of_film(source, model, log, side, _MOST_PICTURES, load_networks(weights))
+    if source.is_dir():
+        from .photographs import pictures_of_photographs
+
+        return pictures_of_photographs(source, model, log, side, load_networks(weights))
+    raise LiveHandError(
+        f"{source} must be a film ({', '.join(FILM_SUFFIXES)}), a folder of photographs (.jpg, .png) or a capture "
+        "(with transforms.json); check the path"
+    )
+
+
+def _figures_line(figures: HeldOutFigures) -> str:
+    return (
+        f"  {figures.pictures} pictures that were held out: {figures.psnr_db:.1f} dB on the hand, "
+        f"{figures.aligned_psnr_db:.1f} dB aligned, outlines overlap by {figures.overlap:.3f}"
+    )
+
+
+def _say(line: str) -> None:
+    import sys
+
+    print(line, file=sys.stderr, flush=True)  # noqa: T201
+
+
+COMMAND = Command("person", "make an avatar of somebody's hand from pictures", _add_arguments, _run)

@@ -1,0 +1,79 @@
+"""The avatar of a person: a base's networks, and a surface with the person's numbers, albedo and confidence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..avatars.avatar import Avatar
+from ..capture.person import Person
+from ..hand.model import HandModel
+from ..render.thumbnail import with_thumbnail
+from ..surface.albedo_ratio import RATIO_ARRAY, ratio_steps
+from ..surface.base_surface import whole_surface
+from ..surface.detail_surface import OFFSET_STEP_M
+from .making import MadePerson
+
+_CONFIDENCE_RESOLUTION = 256
+_MOST_BETA = 3.0
+_MOST_MELANIN, _MOST_BLOOD = 1.2, 2.0
+
+
+def person_avatar(made: MadePerson, hand: HandModel, beta: np.ndarray, name: str, provenance: dict[str, Any]) -> Avatar:
+    """Make the avatar.
+
+    Args:
+        made: what the pictures gave.
+        hand: the model.
+        beta: [10] the person's shape.
+        name: for display.
+        provenance: of the pictures: source, side, consent.
+    """
+    base = made.model.avatar
+    assert base.surface is not None
+    arrays: dict[str, np.ndarray] = {
+        **base.surface.arrays,
+        RATIO_ARRAY: _ratio(made),
+        "confidence": _confidence(made),
+    }
+    if made.model.offset_m.any():
+        arrays["offset"] = _offset(made, whole_surface(base.surface).arrays["offset"])
+    surface = replace(base.surface, arrays=arrays, person=_person(made, base.surface.person, beta))
+    facts = {"made_by": "livehand person", "base": base.name, **provenance}
+    avatar = replace(base, name=name, surface=surface, provenance=facts, metrics={}, thumbnail=None)
+    return with_thumbnail(avatar, hand, "cpu")
+
+
+def _person(made: MadePerson, base: Person, beta: np.ndarray) -> Person:
+    numbers = made.completed.numbers
+    shape = tuple(float(value) for value in np.clip(beta, -_MOST_BETA, _MOST_BETA).round(4))
+    melanin, blood = (
+        round(float(np.clip(value, 0, most)), 3)
+        for value, most in ((numbers.melanin, _MOST_MELANIN), (numbers.blood, _MOST_BLOOD))
+    )
+    return replace(base, melanin=melanin, blood=blood, beta=shape)
+
+
+def _ratio(made: MadePerson) -> np.ndarray:
+    """[A, A, 3] int8."""
+    import torch
+
+    return ratio_steps(torch.as_tensor(made.texels.as_map(made.completed.log_ratio))).numpy()
+
+
+def _confidence(made: MadePerson) -> np.ndarray:
+    """[C, C] uint8, the mean over each texel's finer ones."""
+    whole = made.texels.as_map(made.completed.confidence[:, None])[..., 0]
+    share = max(1, made.texels.resolution // _CONFIDENCE_RESOLUTION)
+    size = made.texels.resolution // share
+    means = whole.reshape(size, share, size, share).mean((1, 3))
+    return (255 * means).round().clip(0, 255).astype(np.uint8)
+
+
+def _offset(made: MadePerson, base_offset: np.ndarray) -> np.ndarray:
+    """[N, 3] int16: the base's and the person's, along the normals at rest."""
+    along = made.model.at_detail(made.model.offset_m[:, None])
+    moved = base_offset + along * made.model.template.normals.numpy() / OFFSET_STEP_M
+    return moved.round().clip(-32767, 32767).astype(np.int16)

@@ -1,0 +1,55 @@
+"""Other hands in a picture: unknown, with the skin beside them; the person's own hand stays."""
+
+import numpy as np
+import pytest
+from livehand.backend.person.other_hands import in_window, with_others_unknown
+from livehand.backend.person.picture import BACKGROUND, HAND, UNKNOWN
+from livehand.backend.records.camera import Camera
+
+pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")
+
+OTHER_PX = np.array(
+    [[60, 100]]
+    + [[60 - 8 - 6 * k, 85 - 8 * k] for k in range(4)]
+    + [[60 + 6 * finger - 9, 70 - 12 * k] for finger in range(4) for k in range(4)],
+    float,
+)
+
+
+@pytest.fixture
+def labels():
+    """Skin at both hands [140, 300]; the mesh is the right one of them."""
+    labels = np.full((140, 300), BACKGROUND, np.uint8)
+    labels[20:120, 30:90] = HAND
+    labels[20:120, 200:260] = HAND
+    return labels
+
+
+def test_the_other_hand_is_unknown_and_ones_own_stays(labels):
+    silhouette = np.zeros(labels.shape, bool)
+    silhouette[25:115, 205:255] = True
+    found = with_others_unknown(labels, silhouette, [OTHER_PX])
+    assert not (found[:, :100] == HAND).any()
+    np.testing.assert_array_equal(found[:, 180:], labels[:, 180:])
+    assert (found[tuple(OTHER_PX.astype(int).T[::-1])] == UNKNOWN).all()
+
+
+def test_where_both_overlap_nothing_is_known(labels):
+    silhouette = labels == HAND
+    silhouette[:, 150:] = False
+    found = with_others_unknown(labels, silhouette, [OTHER_PX])
+    assert (found[60:100, 55:65] == UNKNOWN).all()
+    assert (found[silhouette] != BACKGROUND).all()
+
+
+def test_no_other_hand_changes_nothing(labels):
+    outside = OTHER_PX + 5000
+    for others in ([], [outside]):
+        np.testing.assert_array_equal(with_others_unknown(labels, labels == HAND, others), labels)
+
+
+def test_points_of_a_part():
+    whole = Camera(np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.eye(4), (640, 480))
+    part = whole.cropped(100, 50, (200, 120))
+    np.testing.assert_allclose(in_window(np.array([[150.0, 80], [100, 50]]), whole, part), [[50, 30], [0, 0]])
+    np.testing.assert_allclose(in_window(np.array([150.0, 80]), whole, part.scaled(0.5)), [25, 15])

@@ -1,0 +1,111 @@
+"""Makes persons from a rig's pictures of real hands, and prints how near they come to cameras held out.
+
+It runs as `python -m livehand.tools.person.rig_gate FOLDER --held-out 4 9 15 --sheet DIR`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+
+from ...backend.avatars.file import load_avatar
+from ...backend.avatars.library import shipped_avatar_path
+from ...backend.evaluation.perceptual.lpips import load_lpips
+from ...backend.hand.model_file import load_default_hand
+from ...backend.person.making import MakingOptions, made_person, skin_family
+from ...backend.person.model import PersonModel
+from ...backend.person.picture import PicturedHand
+from ...backend.person.rig.pictures_of_rig import pictures_of_rig
+from ...backend.records.side import Side
+from .held_out import Distance, HeldOutFigures, measured
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the gate with the arguments of the command line."""
+    args = _parser().parse_args(arguments)
+    torch.set_num_threads(args.threads)
+    started, distance = time.monotonic(), _lpips(args.lpips)
+
+    def say(line: str) -> None:
+        sys.stdout.write(f"[{time.monotonic() - started:5.0f} s] {line}\n")
+        sys.stdout.flush()
+
+    hands = pictures_of_rig(args.folder, args.held_out, say=say)
+    base, family = _shipped()
+    for side, hand in hands.items():
+        model = base if hand.offset_m is None or args.without_offset else base.with_offset(hand.offset_m)
+        options = MakingOptions(resolution=args.resolution, with_flow=False)
+        person = made_person(model, hand, family, options, say)
+        light = person.lights[hand.pictures[0].scene]
+        for name, one in (("base", model), ("person", person.model)):
+            _report(f"{side} {name}", side, one, hand, light, distance, args.sheet, say)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="pictures and calibration of a rig")
+    parser.add_argument("--held-out", type=int, nargs="*", default=[4, 9, 15], help="cameras (default: %(default)s)")
+    parser.add_argument("--lpips", type=Path, nargs=2, metavar=("NETWORK", "HEADS"), help="files of LPIPS")
+    parser.add_argument("--sheet", type=Path, help="folder of pictures beside renders")
+    parser.add_argument("--resolution", type=int, default=1024, help="of the atlas (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=2, help="of rendering (default: %(default)s)")
+    parser.add_argument("--without-offset", action="store_true", help="keep to the hand model's own shape")
+    return parser
+
+
+def _shipped():
+    """Load the base, and the family of skins."""
+    hand = load_default_hand()
+    light, deep = (PersonModel.of(load_avatar(shipped_avatar_path(name)), hand) for name in ("light", "deep"))
+    return light, skin_family(light, deep)
+
+
+def _lpips(files: Sequence[Path] | None) -> Distance | None:
+    if files is None:
+        return None
+    network = load_lpips(*files)
+
+    def distance(one: np.ndarray, other: np.ndarray) -> float:
+        batch = [torch.as_tensor(image, dtype=torch.float32).permute(2, 0, 1)[None] for image in (one, other)]
+        with torch.inference_mode():
+            return float(network(*batch))
+
+    return distance
+
+
+def _report(name: str, side: Side, model: PersonModel, hand: PicturedHand, light, distance, sheet, say) -> None:
+    """Print figures of each held-out picture and their means; write pictures beside renders."""
+    rows: dict[int, HeldOutFigures] = {}
+    for picture in hand.pictures:
+        if picture.is_held_out:
+            figures, image = measured(model, picture, light, distance)
+            rows[picture.camera_index] = figures
+            say(f"{name}, camera {picture.camera_index}: {_text(figures)}")
+            if sheet is not None:
+                sheet.mkdir(parents=True, exist_ok=True)
+                pair = np.concatenate([picture.rgb, (255 * image).round().astype(np.uint8)], 1)
+                Image.fromarray(pair[:, ::-1] if side == "left" else pair).save(
+                    sheet / f"{name.replace(' ', '_')}_{picture.camera_index:02d}.png"
+                )
+    if rows:
+        means = [float(np.mean([row[index] for row in rows.values()])) for index in range(4)]
+        say(f"{name}, mean: {_text(HeldOutFigures(*means, (0.0, 0.0)))}")
+
+
+def _text(figures: HeldOutFigures) -> str:
+    shift = f", moved {figures.shift_px[0]:.1f} {figures.shift_px[1]:.1f} px" if any(figures.shift_px) else ""
+    return (
+        f"mask {figures.mask_db:.2f} dB, 3 px inside {figures.inner_db:.2f} dB, overlap {figures.iou:.3f}, "
+        f"LPIPS {figures.lpips:.3f}{shift}"
+    )
+
+
+if __name__ == "__main__":
+    main()

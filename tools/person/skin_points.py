@@ -1,0 +1,42 @@
+"""Where the atlas' texels lie on the hand at rest."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...backend.avatars.file import load_avatar
+from ...backend.avatars.library import shipped_avatar_path
+from ...backend.hand.model_file import load_default_hand
+from ...backend.person.atlas import AtlasTexels
+from ...backend.person.model import PersonModel
+from ...backend.records.shot import HandPose
+from ...backend.teacher.frames import swap_distal, template_to_build
+
+_ANYBODY = "light"
+
+
+class SkinPoints(NamedTuple):
+    """The T texels of an atlas on the hand at rest, anatomical axes (x distal, y dorsal, z radial).
+
+    Attributes:
+        texels: of the atlas.
+        at_mm: [T, 3].
+        normals: [T, 3] unit.
+    """
+
+    texels: AtlasTexels
+    at_mm: np.ndarray
+    normals: np.ndarray
+
+
+def skin_points(resolution: int) -> SkinPoints:
+    """Place the texels of an atlas."""
+    model = PersonModel.of(load_avatar(shipped_avatar_path(_ANYBODY)), load_default_hand())
+    texels, mesh = AtlasTexels.of(model.template, resolution), model.posed(HandPose.rest())
+    at_m, normals = (texels.at_texels(values.numpy().astype(np.float64)) for values in (mesh.vertices, mesh.normals))
+    normals = swap_distal(normals)
+    return SkinPoints(
+        texels, swap_distal(template_to_build(at_m)), normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    )
