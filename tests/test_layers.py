@@ -38,8 +38,8 @@ ROWS = (
     ("backend.surface", "backend.rigs", "backend.tracking", "livehand_blender.light"),
     ("backend.compute", "backend.avatars", "backend.teacher", "livehand_blender.motion"),
     ("backend.render", "livehand_blender.capture"),
-    ("backend.evaluation", "backend.commands", "livehand_blender.render", "livehand_blender.rigs"),
-    ("backend.training", "backend.person", "livehand_blender.ui"),
+    ("backend.evaluation", "backend.commands", "backend.person", "livehand_blender.render", "livehand_blender.rigs"),
+    ("backend.training", "livehand_blender.ui"),
     ("backend.research", "livehand_blender"),
     ("livehand_blender.research", "tools"),
 )

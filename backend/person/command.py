@@ -9,16 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from ..hand.model_file import DEFAULT_HAND, load_hand_model
 from ..records.errors import LiveHandError
-from ..records.side import SIDES, Side
+from ..records.side import SIDES
 from ..system.command import Command
 
 if TYPE_CHECKING:
-    from ..hand.model import HandModel
-    from .held_out import HeldOutFigures
-    from .picture import PicturedHand
-
-FILM_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".mts", ".ts")
-_MOST_PICTURES = 40
+    from .review import PersonFigures
+    from .sources import pictured_hand
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,11 +44,9 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
         LiveHandError: the pictures, or the output, cannot be used.
     """
     from ..avatars.file import save_avatar
-    from .held_out import held_out_figures
     from .making import MakingOptions, person_of_pictures
-    from .person_avatar import person_avatar
-    from .sheet import write_sheet
-    from .shipped_bases import shipped_bases
+    from .person_avatar import person_avatar, shipped_bases
+    from .review import held_out_figures, write_sheet
 
     if args.output.suffix.lower() != ".safetensors":
         raise LiveHandError(f"an avatar must be written to a .safetensors file, got {args.output.name}")
@@ -86,35 +80,7 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
     }
 
 
-def pictured_hand(
-    source: Path, model: HandModel, side: Side | None, weights: Path | None, log: Callable[[str], None]
-) -> PicturedHand:
-    """Read pictures of a hand from whatever the source is.
-
-    Raises:
-        LiveHandError: there is nothing, no hand, or no hand that is good enough.
-    """
-    if (source / "transforms.json").is_file():
-        from .captured import pictures_of_capture
-
-        return pictures_of_capture(source, model, _MOST_PICTURES)
-    from ..tracking.weights import load_networks
-
-    if source.is_file() and source.suffix.lower() in FILM_SUFFIXES:
-        from .film import pictures_of_film
-
-        return pictures_of_film(source, model, log, side, _MOST_PICTURES, load_networks(weights))
-    if source.is_dir():
-        from .photographs import pictures_of_photographs
-
-        return pictures_of_photographs(source, model, log, side, load_networks(weights))
-    raise LiveHandError(
-        f"{source} must be a film ({', '.join(FILM_SUFFIXES)}), a folder of photographs (.jpg, .png) or a capture "
-        "(with transforms.json); check the path"
-    )
-
-
-def _figures_line(figures: HeldOutFigures) -> str:
+def _figures_line(figures: PersonFigures) -> str:
     return (
         f"  {figures.pictures} pictures that were held out: {figures.psnr_db:.1f} dB on the hand, "
         f"{figures.aligned_psnr_db:.1f} dB aligned, outlines overlap by {figures.overlap:.3f}"

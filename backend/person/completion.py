@@ -15,7 +15,7 @@ from scipy.sparse import linalg
 
 from .atlas import AtlasTexels
 from .gathering import GatheredRatio
-from .numbers import SkinFamily, SkinNumbers, fitted_numbers
+from .numbers import ToneFamily, ToneFit, fitted_numbers
 
 _MOST_WEIGHT = 2.0  # of a texel: more pictures do not make it surer
 _SMOOTH_EDGES = 6.0  # of the Laplacian against data: what is coarser than about 4 mm
@@ -39,13 +39,13 @@ class CompletedRatio:
     log_ratio: np.ndarray
     prior: np.ndarray
     confidence: np.ndarray
-    numbers: SkinNumbers
+    numbers: ToneFit
 
 
 def completed_ratio(
     texels: AtlasTexels,
     gathered: GatheredRatio,
-    family: SkinFamily,
+    family: ToneFamily,
     base_log_albedo: np.ndarray,
     kept_low: float = _KEPT_LOW,
 ) -> CompletedRatio:

@@ -13,7 +13,7 @@ from ..capture.masks.mask import load_opencv
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..motion.landmarks.take_file import FilmedTake
-from ..motion.landmarks.take_fit import FilmedHand
+from ..motion.landmarks.take_fit import HandFrames
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.side import Side
@@ -23,11 +23,11 @@ from ..tracking.sighted_take import filmed_take, frames_of_film
 from ..tracking.turning_hand.coverage import covered_share
 from ..tracking.turning_hand.filmed_capture import hand_to_capture, looked_at
 from ..tracking.turning_hand.frame_choice import chosen_frames
-from ..tracking.turning_hand.seen_hand import film_camera, frames_of, seen_hand
+from ..tracking.turning_hand.hand_frames import film_camera, frames_of, hand_frames
 from ..tracking.turning_hand.take_shape import fit_with_shape
 from ..tracking.turning_hand.window import camera_of, image_of, window_around
+from .hand_picture import HandPicture, PicturedHand
 from .other_hands import in_window
-from .picture import HandPicture, PicturedHand
 from .skin_masks import labelled
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def pictures_of_film(
     progress(f"fitting the {chosen_side} hand")
     with thread_limit(1):  # operations are small: threads would only wait for each other
         fit = fit_with_shape(take, chosen_side, model)
-    seen = seen_hand(take, chosen_side, fit, right)
+    seen = hand_frames(take, chosen_side, fit, right)
     progress("choosing pictures")
     camera = film_camera(take)
     blurs, change = looked_at(play, seen, camera.size_px)
@@ -136,7 +136,7 @@ def _others_px(
     ]
 
 
-def _at(hand: FilmedHand, frame: int) -> np.ndarray:
+def _at(hand: HandFrames, frame: int) -> np.ndarray:
     return np.flatnonzero(hand.frames == frame)
 
 

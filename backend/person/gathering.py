@@ -19,9 +19,9 @@ from ..capture.picture import linear_to_srgb, srgb_to_linear
 from ..geometry.tolerances import NEAR_M
 from .atlas import AtlasTexels
 from .flow import bilinear, flow_between, nearest
-from .light import PictureLight
-from .model import PersonModel, SeenSurface
-from .picture import HAND, UNKNOWN, HandPicture
+from .hand_picture import HAND, UNKNOWN, HandPicture
+from .illumination import Illumination
+from .model import GeometryMaps, PersonModel
 
 _LEAST_FACING = 0.25
 _BEHIND_M = 0.004  # farther than the surface that is seen: hidden
@@ -70,7 +70,7 @@ def gathered_ratio(
     model: PersonModel,
     texels: AtlasTexels,
     pictures: Sequence[HandPicture],
-    lights: Mapping[int, PictureLight],
+    lights: Mapping[int, Illumination],
     ratio: np.ndarray | None,
     with_flow: bool = True,
     on_picture: Callable[[], None] = lambda: None,
@@ -109,8 +109,8 @@ def _consensus(sightings: Sequence[_Sighting]) -> GatheredRatio:
             gains[index] = _gain(off, weights[index] * ~sighting.is_bound)
             off -= gains[index]
             square = (off * off).mean(1)
-            is_told = ~sighting.is_bound | (off.mean(1) > 0)
-            weights[index] = sighting.weight * is_told / (1 + square / _OUTLIER**2) ** 1.5
+            is_known = ~sighting.is_bound | (off.mean(1) > 0)
+            weights[index] = sighting.weight * is_known / (1 + square / _OUTLIER**2) ** 1.5
             squares += (weights[index] * square).sum(), weights[index].sum()
         gains -= gains.mean(0)
         mean, total = _mean(sightings, weights, gains)
@@ -141,7 +141,7 @@ def _sighting(
     model: PersonModel,
     texels: AtlasTexels,
     picture: HandPicture,
-    light: PictureLight,
+    light: Illumination,
     with_flow: bool,
     usual_px_per_mm: float,
 ) -> _Sighting:
@@ -150,7 +150,7 @@ def _sighting(
     encoded = picture.rgb.astype(np.float32) / 255
     shown = srgb_to_linear(encoded)
     rendered = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)
-    place = _TexelPlaces.of(texels, seen, picture, usual_px_per_mm)
+    place = _ProjectedTexels.of(texels, seen, picture, usual_px_per_mm)
     flow_px = np.zeros((*shown.shape[:2], 2), np.float32)
     error_px = np.zeros(shown.shape[:2], np.float32)
     if with_flow:
@@ -167,14 +167,16 @@ def _sighting(
     return _Sighting(weight.astype(np.float32), log_ratio, is_bound, length)
 
 
-class _TexelPlaces(NamedTuple):
+class _ProjectedTexels(NamedTuple):
     """Where the texels are in a picture: [T, 2] px, and how well it shows them, 0 where it does not."""
 
     px: np.ndarray
     weight: np.ndarray
 
     @classmethod
-    def of(cls, texels: AtlasTexels, seen: SeenSurface, picture: HandPicture, usual_px_per_mm: float) -> _TexelPlaces:
+    def of(
+        cls, texels: AtlasTexels, seen: GeometryMaps, picture: HandPicture, usual_px_per_mm: float
+    ) -> _ProjectedTexels:
         camera = picture.camera
         position = texels.at_texels(seen.mesh.vertices.numpy())
         normal = texels.at_texels(seen.mesh.normals.numpy())
@@ -200,7 +202,7 @@ _MOST_FINER = 1.5
 """By which a picture that shows the hand larger than usual counts more."""
 
 
-def _depth_edges(seen: SeenSurface) -> tuple[np.ndarray, np.ndarray]:
+def _depth_edges(seen: GeometryMaps) -> tuple[np.ndarray, np.ndarray]:
     """Return the nearest depth around each pixel, and where (1) no part of the hand ends before another."""
     cv2 = load_opencv()
     depth = np.where(seen.is_seen, seen.depth, 9.0).astype(np.float32)
@@ -223,8 +225,8 @@ def _flow(
     rendered: np.ndarray, alpha: np.ndarray, encoded: np.ndarray, labels: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the flow from what the model renders to the picture, both on a backdrop."""
-    is_told = (labels != UNKNOWN).astype(np.float32)
-    ours, theirs = alpha * is_told, (labels == HAND).astype(np.float32)
+    is_known = (labels != UNKNOWN).astype(np.float32)
+    ours, theirs = alpha * is_known, (labels == HAND).astype(np.float32)
     grey = [
         picture.mean(-1) * mask + _BACKDROP * (1 - mask)
         for picture, mask in ((linear_to_srgb(rendered), ours), (encoded, theirs))

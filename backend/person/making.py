@@ -19,10 +19,10 @@ from ..surface.albedo_ratio import ratio_steps
 from .atlas import AtlasTexels
 from .completion import CompletedRatio, completed_ratio
 from .gathering import GatheredRatio, gathered_ratio
-from .light import LitPixels, PictureLight, fitted_light, lit_pixels
+from .hand_picture import HandPicture, PicturedHand
+from .illumination import Illumination, LitPixels, fitted_light, lit_pixels
 from .model import PersonModel
-from .numbers import SkinFamily
-from .picture import HandPicture, PicturedHand
+from .numbers import ToneFamily
 from .refit import refitted
 
 _LIGHT_PICTURES = 8
@@ -68,11 +68,11 @@ class MadePerson:
     texels: AtlasTexels
     completed: CompletedRatio
     gathered: GatheredRatio
-    lights: Mapping[int, PictureLight]
+    lights: Mapping[int, Illumination]
 
 
 def made_person(
-    base: PersonModel, hand: PicturedHand, family: SkinFamily, options: MakingOptions, log: Log = lambda line: None
+    base: PersonModel, hand: PicturedHand, family: ToneFamily, options: MakingOptions, log: Log = lambda line: None
 ) -> MadePerson:
     """Make a person from pictures whose poses are known well enough for flow to correct the rest."""
     texels = AtlasTexels.of(base.template, options.resolution)
@@ -87,7 +87,7 @@ def made_person(
         completed = completed_ratio(texels, gathered, family, base_log_albedo, options.kept_low)
         log(_report(round_index, gathered, completed))
         gain, tint = completed.numbers.log_gain, np.exp(completed.numbers.log_tint)
-        lights = {scene: PictureLight(light.lobes * np.exp(gain), tint) for scene, light in lights.items()}
+        lights = {scene: Illumination(light.lobes * np.exp(gain), tint) for scene, light in lights.items()}
         model = base.with_ratio(ratio_steps(torch.as_tensor(_map(texels, completed))).numpy())
         person = MadePerson(model, texels, completed, gathered, lights)
         if round_index + 1 < options.rounds:
@@ -106,14 +106,14 @@ class Bases:
     """
 
     models: Mapping[float, PersonModel]
-    family: SkinFamily
+    family: ToneFamily
 
     @classmethod
     def of(cls, models: Iterable[PersonModel]) -> Bases:
         """Sort the models of a light and a deep skin, and of any between."""
         by_melanin = {_melanin(model): model for model in models}
         light, deep = (family_at_base(by_melanin[melanin]) for melanin in (min(by_melanin), max(by_melanin)))
-        return cls(by_melanin, SkinFamily(light, deep))
+        return cls(by_melanin, ToneFamily(light, deep))
 
     def nearest(self, melanin: float) -> PersonModel:
         """Choose the model whose skin is nearest."""
@@ -127,11 +127,13 @@ def person_of_pictures(
 
     Early rounds see fewer pictures on a coarser atlas: they only bring poses, light and skin near enough for the next.
     """
+    if hand.is_calibrated:
+        options = replace(options, with_flow=False, fits_poses=False)
     early = replace(options, resolution=_EARLY_RESOLUTION, rounds=1, pictures=_EARLY_PICTURES)
-    base = bases.nearest(_FIRST_MELANIN)
-    for refits in _EARLY_REFITS if options.fits_poses else ():
+    base = shaped(bases.nearest(_FIRST_MELANIN), hand)
+    for refits in _EARLY_REFITS if options.fits_poses else (0,):
         made = made_person(base, hand, bases.family, early, log)
-        base = bases.nearest(made.completed.numbers.melanin)
+        base = shaped(bases.nearest(made.completed.numbers.melanin), hand)
         for _ in range(refits):
             refit = refitted(made.model, hand.pictures, made.lights)
             log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
@@ -141,6 +143,11 @@ def person_of_pictures(
 
 _EARLY_RESOLUTION, _EARLY_PICTURES, _EARLY_REFITS = 512, 16, (2, 2)
 _FIRST_MELANIN = 0.4
+
+
+def shaped(model: PersonModel, hand: PicturedHand) -> PersonModel:
+    """Return the model in the hand's own shape, where it is known."""
+    return model if hand.offset_m is None else model.with_offset(hand.offset_m)
 
 
 def _melanin(model: PersonModel) -> float:
@@ -172,8 +179,8 @@ def _pixels_of_scenes(base: PersonModel, pictures: list[HandPicture], log: Log) 
 
 
 def _lights_again(
-    pixels: Mapping[int, LitPixels], lights: Mapping[int, PictureLight], texels: AtlasTexels, completed: CompletedRatio
-) -> dict[int, PictureLight]:
+    pixels: Mapping[int, LitPixels], lights: Mapping[int, Illumination], texels: AtlasTexels, completed: CompletedRatio
+) -> dict[int, Illumination]:
     """Fit the light in the person's albedo; its tint stays that of the numbers."""
     factor = np.exp(_map(texels, completed))
     found = {}

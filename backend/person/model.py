@@ -25,7 +25,7 @@ from ..surface.albedo_ratio import AlbedoRatio, vertex_ratio
 from ..surface.detail_mesh import DetailMesh, DetailTemplate, barycentric, blend_corners
 
 
-class SeenSurface(NamedTuple):
+class GeometryMaps(NamedTuple):
     """What the pixels of a picture [H, W] show of the person's surface at their centres.
 
     Attributes:
@@ -96,13 +96,13 @@ class PersonModel:
         with torch.inference_mode():
             return self.pipeline.render(shot, RenderProgress(lambda: False, lambda stage: None))
 
-    def seen(self, pose: HandPose, camera: Camera) -> SeenSurface:
+    def seen(self, pose: HandPose, camera: Camera) -> GeometryMaps:
         """Find what a picture shows of the surface."""
         mesh, view = self.posed(pose), camera_tensors(camera, "cpu")
         with torch.inference_mode():
             visible = self.pipeline.backend.visible_surface(mesh, view)
             pixel = (visible.face >= 0).nonzero()[:, 0]
-            return _seen_surface(mesh, view, pixel, visible.face[pixel].long(), visible.depth)
+            return _geometry_maps(mesh, view, pixel, visible.face[pixel].long(), visible.depth)
 
     def posed(self, pose: HandPose) -> DetailMesh:
         """Pose the detail surface."""
@@ -178,9 +178,9 @@ class PersonPipeline(RelightablePipeline):
 _ANY_CAMERA = Camera(np.eye(3), np.eye(4), (1, 1))
 
 
-def _seen_surface(
+def _geometry_maps(
     mesh: DetailMesh, view: CameraTensors, pixel: torch.Tensor, face: torch.Tensor, depth: torch.Tensor
-) -> SeenSurface:
+) -> GeometryMaps:
     width, height = view.size_px
     weights = barycentric(mesh, view, face, pixel)
     normal = torch.nn.functional.normalize(blend_corners(mesh.normals[mesh.faces[face]], weights), dim=-1)
@@ -194,4 +194,4 @@ def _seen_surface(
     is_seen = image(torch.ones(len(pixel), dtype=torch.bool))
     uv = image(blend_corners(mesh.corner_uv[face], weights))
     depth_m = np.where(is_seen, depth.reshape(height, width).numpy(), np.inf)
-    return SeenSurface(mesh, is_seen, uv, image(facing), depth_m)
+    return GeometryMaps(mesh, is_seen, uv, image(facing), depth_m)

@@ -22,7 +22,7 @@ _GREEN_PURPLE, _RED_BLUE = np.array([-1.0, 2.0, -1.0]) / 6**0.5, np.array([1.0, 
 
 
 @dataclass(frozen=True)
-class SkinFamily:
+class ToneFamily:
     """Logarithms of the albedo of a light and of a deep skin [N, 3], at vertices of the surface."""
 
     light: np.ndarray
@@ -33,7 +33,7 @@ class SkinFamily:
         return (1 - melanin) * self.light + melanin * self.deep + (blood - 1) * np.array(BLOOD_LOG_ALBEDO)
 
 
-class SkinNumbers(NamedTuple):
+class ToneFit(NamedTuple):
     """What explains an observed albedo.
 
     Attributes:
@@ -51,7 +51,7 @@ class SkinNumbers(NamedTuple):
     error: float
 
 
-def fitted_numbers(family: SkinFamily, log_albedo: np.ndarray, weight: np.ndarray) -> SkinNumbers:
+def fitted_numbers(family: ToneFamily, log_albedo: np.ndarray, weight: np.ndarray) -> ToneFit:
     """Fit the numbers to an observed albedo.
 
     Args:
@@ -63,7 +63,7 @@ def fitted_numbers(family: SkinFamily, log_albedo: np.ndarray, weight: np.ndarra
     columns = np.stack([np.ones(3), np.array(BLOOD_LOG_ALBEDO), _GREEN_PURPLE, _RED_BLUE], 1)
     deviations = np.array([np.inf, _BLOOD_DEVIATION, _TINT_DEVIATION, _TINT_DEVIATION])
     priors = np.diag(1 / deviations)[1:]
-    best: tuple[float, SkinNumbers] | None = None
+    best: tuple[float, ToneFit] | None = None
     for melanin in np.linspace(0, _MOST_MELANIN, _MELANIN_STEPS):
         left = log_albedo - family.log_albedo(melanin, 1.0)
         mean = share @ left
@@ -75,7 +75,7 @@ def fitted_numbers(family: SkinFamily, log_albedo: np.ndarray, weight: np.ndarra
         cost = error + _PRIOR_SHARE * float((priors @ found) @ (priors @ found))
         if best is None or cost < best[0]:
             tint = found[2] * _GREEN_PURPLE + found[3] * _RED_BLUE
-            best = cost, SkinNumbers(float(melanin), 1 + float(found[1]), float(found[0]), tint, error)
+            best = cost, ToneFit(float(melanin), 1 + float(found[1]), float(found[0]), tint, error)
     assert best is not None
     return best[1]
 

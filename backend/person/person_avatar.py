@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 
 from ..avatars.avatar import Avatar
+from ..avatars.file import load_avatar
+from ..avatars.library import shipped_avatar_path
 from ..capture.person import Person
 from ..hand.model import HandModel
 from ..render.thumbnail import with_thumbnail
 from ..surface.albedo_ratio import RATIO_ARRAY, ratio_steps
 from ..surface.base_surface import whole_surface
 from ..surface.detail_surface import OFFSET_STEP_M
-from .making import MadePerson
+from .making import Bases, MadePerson
+from .model import PersonModel
 
 _CONFIDENCE_RESOLUTION = 256
 _MOST_BETA = 3.0
@@ -57,14 +60,14 @@ def _person(made: MadePerson, base: Person, beta: np.ndarray) -> Person:
 
 
 def _ratio(made: MadePerson) -> np.ndarray:
-    """[A, A, 3] int8."""
+    """Return the factor [A, A, 3] int8."""
     import torch
 
     return ratio_steps(torch.as_tensor(made.texels.as_map(made.completed.log_ratio))).numpy()
 
 
 def _confidence(made: MadePerson) -> np.ndarray:
-    """[C, C] uint8, the mean over each texel's finer ones."""
+    """Return the confidence [C, C] uint8, the mean over each texel's finer ones."""
     whole = made.texels.as_map(made.completed.confidence[:, None])[..., 0]
     share = max(1, made.texels.resolution // _CONFIDENCE_RESOLUTION)
     size = made.texels.resolution // share
@@ -73,7 +76,15 @@ def _confidence(made: MadePerson) -> np.ndarray:
 
 
 def _offset(made: MadePerson, base_offset: np.ndarray) -> np.ndarray:
-    """[N, 3] int16: the base's and the person's, along the normals at rest."""
+    """Return the offsets [N, 3] int16: the base's and the person's, along the normals at rest."""
     along = made.model.at_detail(made.model.offset_m[:, None])
     moved = base_offset + along * made.model.template.normals.numpy() / OFFSET_STEP_M
     return moved.round().clip(-32767, 32767).astype(np.int16)
+
+
+BASES = "light", "middle", "deep"
+
+
+def shipped_bases(hand: HandModel) -> Bases:
+    """Load them."""
+    return Bases.of(PersonModel.of(load_avatar(shipped_avatar_path(name)), hand) for name in BASES)

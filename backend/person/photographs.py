@@ -15,18 +15,18 @@ from ..capture.masks.mask import load_opencv
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..motion.landmarks.take_file import FilmedTake
-from ..motion.landmarks.take_fit import FilmCamera, FilmedHand
+from ..motion.landmarks.take_fit import FilmCamera, HandFrames
 from ..motion.spaces import to_blender
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
 from ..tracking.turning_hand.coverage import covered_share
-from ..tracking.turning_hand.seen_hand import seen_hand
+from ..tracking.turning_hand.hand_frames import hand_frames
 from ..tracking.turning_hand.take_shape import fit_with_shape
 from ..tracking.turning_hand.window import camera_of, image_of, window_around
 from .film import LONGEST_PX, Progress, check_one_person, is_held_out, unseen_note
+from .hand_picture import HandPicture, PicturedHand
 from .other_hands import in_window
-from .picture import HandPicture, PicturedHand
 from .skin_masks import labelled
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def pictures_of_photographs(
         )
     progress(f"fitting the {chosen_side} hand")
     take = _as_take(shown, chosen_side)
-    seen = seen_hand(take, chosen_side, fit_with_shape(take, chosen_side, model), right)
+    seen = hand_frames(take, chosen_side, fit_with_shape(take, chosen_side, model), right)
     notes += [
         f"{one.photograph.name}: no pose of a hand explains it, and it is left out"
         for index, one in enumerate(shown)
@@ -238,7 +238,7 @@ def _as_take(shown: Sequence[_Shown], side: Side) -> FilmedTake:
         ]
     )
     world = np.stack([one.hand.world for one in shown])
-    hand = FilmedHand(np.arange(len(shown)), px + np.array(_SHARED_SIZE_PX) / 2, world)
+    hand = HandFrames(np.arange(len(shown)), px + np.array(_SHARED_SIZE_PX) / 2, world)
     return FilmedTake(FilmCamera(_SHARED_SIZE_PX, _SHARED_FOCAL_PX), np.arange(len(shown)) * 1.0, 1.0, {side: hand})
 
 

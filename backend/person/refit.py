@@ -1,8 +1,8 @@
-"""Poses of all pictures and one shape, fitted again: by the flow between what the model renders and the pictures.
+"""Poses of all pictures and one shape, fitted again: by flow between what the model renders and pictures, and outlines.
 
 Landmarks put a hand within a centimetre. Once the model has about the person's skin and light, flow says for every
-visible vertex where it should be, and outlines where the hand ends. All pictures share the shape; held-out ones fit
-their pose alone.
+visible vertex where it should be. A vertex at the hand's outline should lie on the mask's, somewhere: only its distance
+across that edge counts. All pictures share the shape; held-out ones fit their pose alone.
 """
 
 from __future__ import annotations
@@ -13,18 +13,75 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from scipy.spatial import KDTree
 from torch import Tensor
 
+from ..capture.masks.mask import load_opencv
 from ..capture.picture import linear_to_srgb
 from ..hand.lbs import SkinTensors, pose_hand, posed_vertices
 from ..records.camera import Camera
 from ..records.shot import HandPose
 from ..system.thread_limits import thread_limit
 from .flow import bilinear, flow_between, nearest
-from .light import PictureLight
-from .model import PersonModel, SeenSurface
-from .outlines import OutlineTargets, outline_targets
-from .picture import HAND, UNKNOWN, HandPicture
+from .hand_picture import HAND, UNKNOWN, HandPicture
+from .illumination import Illumination
+from .model import GeometryMaps, PersonModel
+
+_ALONG_PX = 2.0  # of the outline: vertices so near to it belong to it
+_FARTHEST_PX = 30.0
+_LEAST_AGREEMENT = 0.5  # cosine of both edges' directions
+_BLUR_PX = 2.0
+_BESIDE_UNKNOWN_PX = 9
+
+
+class OutlineTargets(NamedTuple):
+    """K vertices at the outline: which, the points [K, 2] px of the mask's edge, and its unit normals [K, 2] there."""
+
+    vertex: np.ndarray
+    px: np.ndarray
+    normal: np.ndarray
+
+
+def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndarray) -> OutlineTargets:
+    """Match the outline of the surface to that of a mask.
+
+    Args:
+        seen: of the surface in the picture.
+        labels: [H, W] of the picture.
+        vertices_px: [V, 2] the mesh's, projected.
+    """
+    ours, theirs = _edge(seen.is_seen, None), _edge(labels == HAND, labels == UNKNOWN)
+    nothing = OutlineTargets(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2)))
+    if not len(ours.px) or not len(theirs.px):
+        return nothing
+    distance, at = KDTree(ours.px).query(vertices_px)
+    vertex = np.flatnonzero(distance < _ALONG_PX)
+    found, nearest = KDTree(theirs.px).query(vertices_px[vertex])
+    agrees = (ours.normal[at[vertex]] * theirs.normal[nearest]).sum(1) > _LEAST_AGREEMENT
+    kept = agrees & (found < _FARTHEST_PX)
+    return OutlineTargets(vertex[kept], theirs.px[nearest[kept]], theirs.normal[nearest[kept]])
+
+
+class _Edge(NamedTuple):
+    px: np.ndarray
+    normal: np.ndarray
+
+
+def _edge(mask: np.ndarray, unknown: np.ndarray | None) -> _Edge:
+    """Find the points of a mask's edge and its normals there, away from the picture's rim and from what is unknown."""
+    cv2 = load_opencv()
+    soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), _BLUR_PX)
+    inside = mask.astype(np.uint8)
+    is_edge = (inside > 0) & (cv2.erode(inside, np.ones((3, 3)), borderValue=1) == 0)
+    is_edge[[0, -1]] = is_edge[:, [0, -1]] = False
+    if unknown is not None and unknown.any():
+        around = np.ones((_BESIDE_UNKNOWN_PX, _BESIDE_UNKNOWN_PX))
+        is_edge &= cv2.dilate(unknown.astype(np.uint8), around) == 0
+    row, column = is_edge.nonzero()
+    slope = np.stack([cv2.Sobel(soft, cv2.CV_32F, 1, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 1)], -1)[row, column]
+    normal = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-9)
+    return _Edge(np.stack([column, row], 1) + 0.5 - 0.5 * normal, normal)
+
 
 _MASK_SHARE = 0.2  # of grey that tells hand from backdrop in the flow
 _FLOW_ERROR_PX, _BEHIND_M, _LEAST_FACING = 3.0, 0.004, 0.15
@@ -65,7 +122,7 @@ class Refit:
 def refitted(
     model: PersonModel,
     pictures: Sequence[HandPicture],
-    lights: Mapping[int, PictureLight],
+    lights: Mapping[int, Illumination],
     fits_shape: bool = True,
     on_picture: Callable[[], None] = lambda: None,
 ) -> Refit:
@@ -89,15 +146,15 @@ def refitted(
     return Refit(moved, flow_px, overlap)
 
 
-def pose_targets(model: PersonModel, picture: HandPicture, light: PictureLight) -> PoseTargets:
+def pose_targets(model: PersonModel, picture: HandPicture, light: Illumination) -> PoseTargets:
     """Find where a picture wants the vertices of its hand."""
     frame = model.rendered(picture.pose, picture.camera, light.light)
     seen = model.seen(picture.pose, picture.camera)
     vertices = model.vertices(picture.pose)
     px, depth = picture.camera.project(vertices)
     rendered = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3) * light.tint
-    is_told, is_hand = (picture.labels != UNKNOWN), picture.labels == HAND
-    ours = _grey(linear_to_srgb(rendered.astype(np.float32)), (seen.is_seen & is_told).astype(np.float32))
+    is_known, is_hand = (picture.labels != UNKNOWN), picture.labels == HAND
+    ours = _grey(linear_to_srgb(rendered.astype(np.float32)), (seen.is_seen & is_known).astype(np.float32))
     theirs = _grey(picture.rgb.astype(np.float32) / 255, is_hand.astype(np.float32))
     flow = flow_between(ours, theirs, 1.5)
     visible = _visible_vertices(seen, px, depth)
@@ -105,7 +162,7 @@ def pose_targets(model: PersonModel, picture: HandPicture, light: PictureLight) 
     weight = weight * (nearest(picture.labels, px) != UNKNOWN)
     shift = bilinear(flow.px, px)
     length = float((np.linalg.norm(shift, axis=1) * visible).sum() / max(visible.sum(), 1))
-    union = ((seen.is_seen & is_told) | is_hand).sum()
+    union = ((seen.is_seen & is_known) | is_hand).sum()
     overlap = float((seen.is_seen & is_hand).sum() / max(union, 1))
     return PoseTargets(px + shift, weight, outline_targets(seen, picture.labels, px), length, overlap)
 
@@ -114,8 +171,8 @@ def _grey(encoded: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return mask * ((1 - _MASK_SHARE) * encoded.mean(-1) + _MASK_SHARE)
 
 
-def _visible_vertices(seen: SeenSurface, px: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """[V] 1 of vertices that the picture shows, which lie on the surface or just below it."""
+def _visible_vertices(seen: GeometryMaps, px: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Find (1) the vertices [V] that the picture shows, which lie on the surface or just below it."""
     shown = nearest(np.where(seen.is_seen, seen.depth, np.inf), px)
     height, width = seen.is_seen.shape
     inside = ((px >= 1) & (px < (width - 1, height - 1))).all(1)
@@ -136,7 +193,7 @@ class _Cameras(NamedTuple):
         return cls(torch.as_tensor(K, dtype=torch.float32), torch.as_tensor(world2cam, dtype=torch.float32))
 
     def project(self, points: Tensor) -> Tensor:
-        """[K, V, 2] px of points [K, V, 3]."""
+        """Project points [K, V, 3] to [K, V, 2] px."""
         within = points @ self.world2cam[:, :, :3].transpose(1, 2) + self.world2cam[:, None, :, 3]
         homogeneous = within @ self.K.transpose(1, 2)
         return homogeneous[..., :2] / homogeneous[..., 2:]

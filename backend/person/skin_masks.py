@@ -19,8 +19,8 @@ from ..hand.model import HandModel
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.shot import HandPose
+from .hand_picture import BACKGROUND, HAND, UNKNOWN
 from .other_hands import with_others_unknown
-from .picture import BACKGROUND, HAND, UNKNOWN
 
 MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0)
 """The fit of a film or a photograph is a centimetre off in places."""
@@ -41,7 +41,7 @@ _LEAST_VARIANCE, _KEPT_DEVIATIONS, _ROUNDS = 1e-4, 3.0, 3
 _LEAST_RED, _MOST_BLUE = -0.1, 0.25  # logarithms of red and blue over green that skin may have in a usual light
 
 
-class SkinColours(NamedTuple):
+class ColourHistogram(NamedTuple):
     """The chroma of a person's skin: logarithms of red and of blue over green, sRGB decoded.
 
     Attributes:
@@ -102,7 +102,7 @@ def labelled(
     ]
 
 
-def skin_colours(samples: Sequence[np.ndarray]) -> SkinColours:
+def skin_colours(samples: Sequence[np.ndarray]) -> ColourHistogram:
     """Fit the chroma of skin to colours uint8 [N, 3], one array a picture; each picture counts alike."""
     rng = np.random.default_rng(0)
     chosen = [each if len(each) <= _COUNTED else rng.choice(each, _COUNTED, replace=False) for each in samples]
@@ -112,15 +112,15 @@ def skin_colours(samples: Sequence[np.ndarray]) -> SkinColours:
     chroma = _chroma(colours)
     mean = np.median(chroma, 0)
     spread = _DEVIATIONS_OF_MEDIAN * np.median(np.abs(chroma - mean), 0)
-    skin = SkinColours(mean, np.diag(1 / (spread**2 + _LEAST_VARIANCE)))
+    skin = ColourHistogram(mean, np.diag(1 / (spread**2 + _LEAST_VARIANCE)))
     for _ in range(_ROUNDS):  # what is worn, and ground in the mask, is no skin
         kept = chroma[skin.deviations(chroma) < _KEPT_DEVIATIONS]
         covariance = np.cov(kept.T) + _LEAST_VARIANCE * np.eye(2)
-        skin = SkinColours(np.median(kept, 0), np.linalg.inv(covariance))
+        skin = ColourHistogram(np.median(kept, 0), np.linalg.inv(covariance))
     return skin
 
 
-def check_is_skin(skin: SkinColours) -> None:
+def check_is_skin(skin: ColourHistogram) -> None:
     """Raise LiveHandError if the colours are those of a glove: of no skin in any usual light."""
     red, blue = skin.mean
     if red < _LEAST_RED or blue > _MOST_BLUE:
@@ -151,7 +151,7 @@ def _behind_wrist(regions: MaskRegions, joints: np.ndarray, camera: Camera) -> n
     return swept > 0
 
 
-def _labels(seen: _Seen, skin: SkinColours, skin_histogram: np.ndarray) -> np.ndarray:
+def _labels(seen: _Seen, skin: ColourHistogram, skin_histogram: np.ndarray) -> np.ndarray:
     cv2 = load_opencv()
     lab = _lab(seen.rgb)
     possible = seen.regions.near | seen.behind_wrist
@@ -186,13 +186,13 @@ def _second_cut(seen: _Seen, odds: np.ndarray) -> np.ndarray:
     return (again | (seen.mask & is_skin)) & ~is_ground & ~seen.behind_wrist
 
 
-def _foreign(seen: _Seen, skin: SkinColours, odds: np.ndarray) -> np.ndarray:
+def _foreign(seen: _Seen, skin: ColourHistogram, odds: np.ndarray) -> np.ndarray:
     """Find rings, watches and sleeves: spots in the hand's place of a chroma that skin does not have."""
     cv2 = load_opencv()
     share = max(seen.rgb.shape[:2]) / _WINDOW_PX
     smooth = cv2.GaussianBlur(seen.rgb, (0, 0), max(0.5, 2 * share))
-    is_told = (seen.rgb.max(-1) < _CLIPPED) & (seen.rgb.max(-1) > _DARK)
-    is_foreign = (skin.deviations(_chroma(smooth)) > _FOREIGN) & is_told & seen.regions.silhouette
+    is_known = (seen.rgb.max(-1) < _CLIPPED) & (seen.rgb.max(-1) > _DARK)
+    is_foreign = (skin.deviations(_chroma(smooth)) > _FOREIGN) & is_known & seen.regions.silhouette
     is_foreign &= odds <= _GROUND_ODDS
     least, grown = (max(1, round(px * share)) for px in (_LEAST_FOREIGN_PX, _GROWN_PX))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * least + 1, 2 * least + 1))

@@ -9,8 +9,8 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ...backend.person.command import FILM_SUFFIXES
 from ...backend.person.job import PersonJob
+from ...backend.person.sources import FILM_SUFFIXES
 from ...backend.records.errors import LiveHandError
 from ...backend.system.packages import missing_requirements
 from ...backend.tracking.weights import FETCH_COMMAND, has_networks

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from livehand.backend.person.film import is_held_out, pictures_of_film, unseen_note
-from livehand.backend.person.picture import HAND, UNKNOWN
+from livehand.backend.person.hand_picture import HAND, UNKNOWN
 from livehand.backend.records.errors import LiveHandError
 
 pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")

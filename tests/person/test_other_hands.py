@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from livehand.backend.person.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.backend.person.other_hands import in_window, with_others_unknown
-from livehand.backend.person.picture import BACKGROUND, HAND, UNKNOWN
 from livehand.backend.records.camera import Camera
 
 pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.picture import BACKGROUND, HAND, UNKNOWN
+from livehand.backend.person.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.backend.person.skin_masks import labelled, skin_colours
 from livehand.backend.records.errors import LiveHandError
 from livehand.tests.person.conftest import GLOVE, SKIN

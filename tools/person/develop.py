@@ -98,8 +98,8 @@ def behind(camera: Camera, wall: np.ndarray) -> np.ndarray:
     directions = camera.ray_directions(np.stack([columns, rows], -1))
     at = camera.origin + directions * ((_WALL_M - camera.origin[1]) / directions[..., 1])[..., None]
     texel = len(wall) / _WALL_SIDE_M
-    places = np.stack([_WALL_SIDE_M / 2 - at[..., 2], _WALL_SIDE_M / 2 + at[..., 0]]) * texel - 0.5
-    return np.stack([map_coordinates(wall[..., k], places, order=1, mode="nearest") for k in range(3)], -1)
+    texels = np.stack([_WALL_SIDE_M / 2 - at[..., 2], _WALL_SIDE_M / 2 + at[..., 0]]) * texel - 0.5
+    return np.stack([map_coordinates(wall[..., k], texels, order=1, mode="nearest") for k in range(3)], -1)
 
 
 def developed(picture: np.ndarray, ground: np.ndarray, gain: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -17,9 +17,9 @@ from scipy.optimize import least_squares
 
 from ...backend.capture.picture import linear_to_srgb
 from ...backend.person.flow import flow_between
-from ...backend.person.light import PictureLight
+from ...backend.person.hand_picture import HAND, UNKNOWN, HandPicture
+from ...backend.person.illumination import Illumination
 from ...backend.person.model import PersonModel
-from ...backend.person.picture import HAND, UNKNOWN, HandPicture
 from ...backend.records.camera import Camera
 
 _INNER_PX = 3
@@ -53,7 +53,7 @@ class HeldOutFigures(NamedTuple):
 
 
 def measured(
-    model: PersonModel, picture: HandPicture, light: PictureLight, distance: Distance | None = None
+    model: PersonModel, picture: HandPicture, light: Illumination, distance: Distance | None = None
 ) -> tuple[HeldOutFigures, np.ndarray]:
     """Measure a person in a picture's pose; returns the figures and the compared render [H, W, 3], encoded, on black.
 
@@ -81,10 +81,10 @@ def compared(
     distance: Distance | None = None,
 ) -> tuple[HeldOutFigures, np.ndarray]:
     """Compare a render, encoded, straight, with a picture; returns the figures and the render as it was compared."""
-    is_hand, is_told = picture.labels == HAND, picture.labels != UNKNOWN
+    is_hand, is_known = picture.labels == HAND, picture.labels != UNKNOWN
     shown = picture.rgb / 255.0
     gains = best_gains(encoded[is_hand & (alpha > 0.5)], shown[is_hand & (alpha > 0.5)])
-    opacity = alpha * is_told
+    opacity = alpha * is_known
     ours = (encoded * gains[:, 0] + gains[:, 1]).clip(0, 1) * opacity[..., None]
     theirs = shown * is_hand[..., None]
     inner = binary_erosion(is_hand, np.ones((3, 3)), iterations=_INNER_PX)
@@ -123,7 +123,7 @@ def psnr_db(one: np.ndarray, other: np.ndarray, where: Bool[np.ndarray, "H W"]) 
 
 
 def _encoded(
-    model: PersonModel, picture: HandPicture, camera: Camera, light: PictureLight
+    model: PersonModel, picture: HandPicture, camera: Camera, light: Illumination
 ) -> tuple[np.ndarray, np.ndarray]:
     frame = model.rendered(picture.pose, camera, light.light)
     linear = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3) * light.tint.astype(np.float32)

@@ -15,13 +15,12 @@ import numpy as np
 import torch
 from PIL import Image
 
-from ...backend.avatars.file import load_avatar
-from ...backend.avatars.library import shipped_avatar_path
 from ...backend.evaluation.perceptual.lpips import load_lpips
 from ...backend.hand.model_file import load_default_hand
-from ...backend.person.making import MakingOptions, made_person, skin_family
+from ...backend.person.hand_picture import PicturedHand
+from ...backend.person.making import MakingOptions, made_person
 from ...backend.person.model import PersonModel
-from ...backend.person.picture import PicturedHand
+from ...backend.person.person_avatar import shipped_bases
 from ...backend.person.rig.pictures_of_rig import pictures_of_rig
 from ...backend.records.side import Side
 from .held_out import Distance, HeldOutFigures, measured
@@ -62,15 +61,14 @@ def _parser() -> argparse.ArgumentParser:
 
 def _shipped():
     """Load the base, and the family of skins."""
-    hand = load_default_hand()
-    light, deep = (PersonModel.of(load_avatar(shipped_avatar_path(name)), hand) for name in ("light", "deep"))
-    return light, skin_family(light, deep)
+    bases = shipped_bases(load_default_hand())
+    return bases.nearest(0.0), bases.family
 
 
 def _lpips(files: Sequence[Path] | None) -> Distance | None:
     if files is None:
         return None
-    network = load_lpips(*files)
+    network = load_lpips(files[0], files[1])
 
     def distance(one: np.ndarray, other: np.ndarray) -> float:
         batch = [torch.as_tensor(image, dtype=torch.float32).permute(2, 0, 1)[None] for image in (one, other)]
@@ -95,8 +93,8 @@ def _report(name: str, side: Side, model: PersonModel, hand: PicturedHand, light
                     sheet / f"{name.replace(' ', '_')}_{picture.camera_index:02d}.png"
                 )
     if rows:
-        means = [float(np.mean([row[index] for row in rows.values()])) for index in range(4)]
-        say(f"{name}, mean: {_text(HeldOutFigures(*means, (0.0, 0.0)))}")
+        mask_db, inner_db, iou, lpips = np.mean([row[:4] for row in rows.values()], 0).tolist()
+        say(f"{name}, mean: {_text(HeldOutFigures(mask_db, inner_db, iou, lpips, (0.0, 0.0)))}")
 
 
 def _text(figures: HeldOutFigures) -> str:

@@ -17,7 +17,7 @@ from ...backend.teacher.frames import swap_distal, template_to_build
 _ANYBODY = "light"
 
 
-class SkinPoints(NamedTuple):
+class BakedPoints(NamedTuple):
     """The T texels of an atlas on the hand at rest, anatomical axes (x distal, y dorsal, z radial).
 
     Attributes:
@@ -31,12 +31,12 @@ class SkinPoints(NamedTuple):
     normals: np.ndarray
 
 
-def skin_points(resolution: int) -> SkinPoints:
+def skin_points(resolution: int) -> BakedPoints:
     """Place the texels of an atlas."""
     model = PersonModel.of(load_avatar(shipped_avatar_path(_ANYBODY)), load_default_hand())
     texels, mesh = AtlasTexels.of(model.template, resolution), model.posed(HandPose.rest())
     at_m, normals = (texels.at_texels(values.numpy().astype(np.float64)) for values in (mesh.vertices, mesh.normals))
     normals = swap_distal(normals)
-    return SkinPoints(
+    return BakedPoints(
         texels, swap_distal(template_to_build(at_m)), normals / np.linalg.norm(normals, axis=1, keepdims=True)
     )

@@ -14,7 +14,7 @@ from ...backend.hand.model_file import load_default_hand
 from ...backend.records.camera import Camera
 from ...backend.records.shot import Shot
 from .script import FPS, film_cameras, film_light, film_motion, kept_scenes
-from .skin_points import SkinPoints
+from .skin_points import BakedPoints
 from .strangers import Stranger, Stroke, ink
 
 TRUTH_FILE = "truth.npz"
@@ -118,7 +118,7 @@ def read_rgba(path: Path) -> np.ndarray:
     return np.stack([channels[name] for name in "RGBA"], -1).astype(np.float32)
 
 
-def drawn_texels(stranger: Stranger, points: SkinPoints) -> np.ndarray:
+def drawn_texels(stranger: Stranger, points: BakedPoints) -> np.ndarray:
     """Find the texels [A, A] of the back's drawings and 3 mm around them."""
     strokes = [_widened(stroke) for stroke in stranger.strokes if stroke.is_dorsal]
     inked = np.max([ink(stroke, points.at_mm, points.normals) for stroke in strokes], 0) > 0.5

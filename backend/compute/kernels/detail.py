@@ -68,13 +68,7 @@ class PosedSurface(NamedTuple):
 
 
 class DetailTable(NamedTuple):
-    """A pyramid of maps.
-
-    Attributes:
-        table: [T, 12] int8.
-        first: the first row of each level.
-        resolution: of the finest level.
-    """
+    """A pyramid of maps: table [T, 12] int8, the first row of each level, the resolution of the finest."""
 
     table: np.ndarray
     first: np.ndarray
@@ -82,13 +76,11 @@ class DetailTable(NamedTuple):
 
 
 class RatioTable(NamedTuple):
-    """A pyramid of the person's factor on albedo; without rows: there is none.
+    """A pyramid of the person's factor on albedo, logarithms RGB; without rows: there is none.
 
     Attributes:
-        table: [T, 3] int8, logarithms in steps.
-        first: the first row of each level.
-        resolution: of the finest level.
-        step: what one of these is worth.
+        table, first, resolution: as in `DetailTable`.
+        step: what a stored step is worth.
         finer_by: levels from the finest of the maps of detail to its own.
     """
 

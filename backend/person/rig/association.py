@@ -120,7 +120,9 @@ def _shared_out(
 ) -> dict[Side, AssociatedHand]:
     """Give every find to the hand that it lies nearest to, one a view, and triangulate anew."""
     px = {side: projected(matrices, hand.points[None])[0] for side, hand in hands.items()}
-    pairs = [(_distance(px[side][find.view], find), side, index) for side in hands for index, find in enumerate(finds)]
+    pairs: list[tuple[float, Side, int]] = [
+        (_distance(px[side][find.view], find), side, index) for side in hands for index, find in enumerate(finds)
+    ]
     own: dict[Side, dict[int, Find]] = {side: {} for side in hands}
     taken: set[int] = set()
     for distance, side, index in sorted(pairs):
@@ -128,7 +130,9 @@ def _shared_out(
         if distance < _OWN_GATE and index not in taken and find.view not in own[side]:
             own[side][find.view] = find
             taken.add(index)
-    enough = {side: list(views.values()) for side, views in own.items() if len(views) >= LEAST_VIEWS}
+    enough: dict[Side, list[Find]] = {
+        side: list(views.values()) for side, views in own.items() if len(views) >= LEAST_VIEWS
+    }
     return {side: _hand_at(side, mine, matrices) for side, mine in enough.items()}
 
 

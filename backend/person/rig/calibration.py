@@ -58,6 +58,11 @@ class RigView:
     camera_index: int
 
 
+def has_cameras(folder: Path) -> bool:
+    """Return whether a folder has pictures' cameras beside them, other than a capture's."""
+    return any((folder / name).is_file() for name in _CAMERA_FILES)
+
+
 def read_rig(folder: Path | str, instant: int = 0) -> tuple[RigView, ...]:
     """Read pictures and cameras, sorted by the camera's number.
 
@@ -106,7 +111,7 @@ def _camera_file(folder: Path) -> Path:
 
 
 def _numbered_views(folder: Path, path: Path) -> list[RigView]:
-    arrays: Mapping[str, Any] = read_json(path) if path.suffix == ".json" else read_npz(path)
+    arrays: Any = read_json(path) if path.suffix == ".json" else read_npz(path)
     if not isinstance(arrays, Mapping):
         raise LiveHandError(f"{path} must hold int_K and ext_K by name, got a {type(arrays).__name__}")
     numbers = sorted(int(match[1]) for name in arrays if (match := re.fullmatch(r"int_(\d{1,6})", name)))

@@ -87,7 +87,9 @@ def landmark_poses(
         points: [S, 21, 3] m, the triangulated landmarks.
         model: the hand.
     """
-    start = {hand.side: _of_points(points[row], model, hand.side) for row, hand in enumerate(hands)}
+    start: dict[Side, HandPose] = {
+        hand.side: _of_points(points[row], model, hand.side) for row, hand in enumerate(hands)
+    }
     sides = tuple(start)
     rig, stacked = RigHands.of(model, sides).of_landmarks_alone(), RigCameras.of(cameras)
     targets, first = landmark_targets(hands, stacked), rig.parameters(start)
@@ -106,7 +108,8 @@ def landmark_poses(
         loss.backward()
         optimizer.step()
     poses = rig.poses(HandParameters(theta, beta, transl, first.forearm))
-    return LandmarkPoses(poses, {side: offsets[row].detach().numpy() for row, side in enumerate(sides)})
+    by_side: dict[Side, np.ndarray] = {side: offsets[row].detach().numpy() for row, side in enumerate(sides)}
+    return LandmarkPoses(poses, by_side)
 
 
 def _of_points(points: np.ndarray, model: HandModel, side: Side) -> HandPose:

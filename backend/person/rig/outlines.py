@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import gaussian_filter, sobel
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from ...geometry.rasterise import nearest_fronts, rasterise
@@ -93,7 +93,7 @@ class OutlineTree:
 
     def __init__(self, outline: Outline, px_per_mm: float):
         self._outline, self._bend_px = outline, _NORMAL_MM * px_per_mm
-        self._tree = cKDTree(np.c_[outline.px, outline.normal * self._bend_px]) if len(outline.px) else None
+        self._tree = KDTree(np.c_[outline.px, outline.normal * self._bend_px]) if len(outline.px) else None
 
     def nearest(self, outline: Outline) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Find the nearest pixel of each pixel of an outline: distance [N] px, place [N, 2] and normal [N, 2]."""

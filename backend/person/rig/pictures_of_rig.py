@@ -17,7 +17,7 @@ from ...records.camera import Camera
 from ...records.errors import LiveHandError
 from ...records.side import Side
 from ...tracking.weights import TrackerNetworks, load_networks
-from ..picture import HAND, HandPicture, PicturedHand
+from ..hand_picture import HAND, HandPicture, PicturedHand
 from .calibration import LEAST_VIEWS, RigView, read_rig
 from .rig_fit import FittedRig, Say, fitted_rig
 from .view_masks import LABEL_OF, hand_labels
@@ -75,7 +75,7 @@ def pictured_hands(
         found = [_picture(view, row, side, fitted, row in held_out) for row, view in enumerate(views)]
         pictures = tuple(picture for picture in found if picture is not None)
         if sum(not picture.is_held_out for picture in pictures) >= LEAST_VIEWS:
-            hands[side] = PicturedHand(pictures, side, source, fitted.offset_m[side])
+            hands[side] = PicturedHand(pictures, side, source, fitted.offset_m[side], is_calibrated=True)
     if not hands:
         raise LiveHandError(
             f"a hand must be shown free by at least {LEAST_VIEWS} cameras, got fewer; turn or free it, or add cameras"

@@ -101,7 +101,7 @@ def fitted_hands(
         raise LiveHandError(
             f"a hand must be seen by at least {LEAST_VIEWS} cameras that are not held out; hold out fewer"
         )
-    kept = {hand.side: hand for hand in found if hand.side in {one.side for one in own}}
+    kept: dict[Side, AssociatedHand] = {hand.side: hand for hand in found if hand.side in {one.side for one in own}}
     calibration = calibrated(list(kept.values()), cameras, held_out)
     error_px = calibration.error_px
     say(f"landmarks: {np.nanmedian(error_px):.1f} px off, by camera {_by_name(names, error_px)}")
@@ -189,7 +189,9 @@ class _Stages:
         """Keep and tell how far the meshes of a stage cover the skin; whose skin it is follows the meshes."""
         meshes = self.meshes(state)
         pairs = [(relabelled(*pair), pair[1]) for pair in zip(labels, meshes, strict=True)]
-        own = {side: np.array([overlap(*pair, side) for pair in pairs]) for side in self._hands.sides}
+        own: dict[Side, np.ndarray] = {
+            side: np.array([overlap(*pair, side) for pair in pairs]) for side in self._hands.sides
+        }
         self.overlaps[name] = own
         for side, values in own.items():
             parts = values[~self._is_held_out], values[self._is_held_out]

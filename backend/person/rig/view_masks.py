@@ -16,7 +16,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 from ...capture.masks.mask import load_opencv
 from ...records.camera import Camera
 from ...records.side import Side
-from ..picture import BACKGROUND, HAND, UNKNOWN
+from ..hand_picture import BACKGROUND, HAND, UNKNOWN
 from .outlines import CoveredPixels, covered_pixels
 from .rig_hands import RigHands
 
@@ -64,8 +64,7 @@ def relabelled(labels: UInt8[np.ndarray, "H W"], mesh: UInt8[np.ndarray, "H W"])
     """Give skin that was found before to the nearest mesh of a later fit."""
     if not (mesh > FREE).any():
         return labels
-    row, column = distance_transform_edt(mesh == FREE, return_distances=False, return_indices=True)
-    return np.where(labels > FREE, mesh[row, column], FREE).astype(np.uint8)
+    return np.where(labels > FREE, mesh[_nearest(mesh > FREE)], FREE).astype(np.uint8)
 
 
 def overlap(labels: UInt8[np.ndarray, "H W"], mesh: UInt8[np.ndarray, "H W"], side: Side, arm_px: int = 5) -> float:
@@ -106,9 +105,8 @@ def hand_labels(
 def _labels_in_box(rgb: np.ndarray, mesh: np.ndarray, px_per_mm: float) -> np.ndarray:
     cv2 = load_opencv()
     is_mesh = mesh > FREE
-    outside_px, (row, column) = distance_transform_edt(~is_mesh, return_indices=True)
-    inside_px = distance_transform_edt(is_mesh)
-    outside, inside = outside_px / px_per_mm, inside_px / px_per_mm
+    nearest = _nearest(is_mesh)
+    outside, inside = (np.asarray(distance_transform_edt(part)) / px_per_mm for part in (~is_mesh, is_mesh))
     core = (inside > _CORE_MM) & (mesh != ARM)
     looks_skin = skin_likelihood(rgb, core, outside > _NEAR_MM) > _LEAST_LIKELY
     seeds = np.full(mesh.shape, cv2.GC_BGD, np.uint8)
@@ -125,7 +123,7 @@ def _labels_in_box(rgb: np.ndarray, mesh: np.ndarray, px_per_mm: float) -> np.nd
     _, pieces, stats, _ = cv2.connectedComponentsWithStats(found)
     keeps = stats[:, cv2.CC_STAT_AREA] > _LEAST_PIECE_MM2 * px_per_mm**2
     keeps[0] = False
-    return np.where(keeps[pieces] & (outside < _JOINED_MM), mesh[row, column], FREE).astype(np.uint8)
+    return np.where(keeps[pieces] & (outside < _JOINED_MM), mesh[nearest], FREE).astype(np.uint8)
 
 
 def skin_likelihood(
@@ -140,6 +138,12 @@ def skin_likelihood(
         smooth = gaussian_filter(count, _BLUR_BINS, mode="nearest")
         shares.append(smooth / max(smooth.sum(), 1.0) + 1e-7)
     return (shares[0] / (shares[0] + shares[1])).reshape(-1)[index]
+
+
+def _nearest(region: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find row and column of the region's pixel nearest to each pixel."""
+    row, column = np.asarray(distance_transform_edt(~region, return_distances=False, return_indices=True))
+    return row, column
 
 
 def _box(region: np.ndarray, margin_px: int) -> tuple[slice, slice]:

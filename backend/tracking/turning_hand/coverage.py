@@ -29,11 +29,11 @@ def covered_share(poses: Sequence[HandPose], cameras: Sequence[Camera], model: H
     area = np.linalg.norm(_normals(model.v_template, model.f), axis=1)
     is_seen = np.zeros(len(model.f), bool)
     for pose, camera in zip(poses, cameras, strict=True):
-        is_seen |= _seen_faces(posed_vertices(model, pose), model.f, camera)
+        is_seen |= _visible_faces(posed_vertices(model, pose), model.f, camera)
     return float(area[is_seen & is_skin].sum() / area[is_skin].sum())
 
 
-def _seen_faces(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> np.ndarray:
+def _visible_faces(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> np.ndarray:
     small = camera.scaled(min(1.0, _LONGEST_PX / max(camera.size_px)))
     positions_px, depth = (torch.as_tensor(values) for values in small.project(vertices))
     found = np.zeros(len(faces), bool)

@@ -34,7 +34,7 @@ from ...records.side import Side
 from ..resting_camera import MOST_CHANGE, ground_change
 from .coverage import covered_share
 from .frame_choice import blur_of, chosen_frames, held_out
-from .seen_hand import Frames, SeenHand, film_camera, frames_of, seen_hand
+from .hand_frames import Frames, HandFrames, film_camera, frames_of, hand_frames
 from .window import Window, camera_of, image_of, window_around, with_points
 
 MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0, ends_at_wrist=True)
@@ -101,7 +101,7 @@ def write_filmed_capture(
     check_capture_can_be_made(folder)
     right = model.for_side("right")
     camera = film_camera(take)
-    seen = seen_hand(take, side, fit, right)
+    seen = hand_frames(take, side, fit, right)
     blurs, change = looked_at(play, seen, camera.size_px)
     if change is not None and change > MOST_CHANGE:
         raise LiveHandError(
@@ -129,7 +129,7 @@ def write_filmed_capture(
     )
 
 
-def _chosen(seen: SeenHand, blurs: np.ndarray, right: HandModel, camera: Camera) -> SeenHand:
+def _chosen(seen: HandFrames, blurs: np.ndarray, right: HandModel, camera: Camera) -> HandFrames:
     """Choose the frames of the capture; where they are too few, the error says how much skin all of them show."""
     try:
         return seen.of(chosen_frames(seen.motion, seen.fit_error, blurs))
@@ -149,7 +149,7 @@ def _window_of(vertices: np.ndarray, right: HandModel, camera: Camera) -> Window
     return with_points(window_around(px[right.framed_vertices], camera.size_px), px[depth_m > NEAR_M])
 
 
-def looked_at(play: Frames, seen: SeenHand, size_px: tuple[int, int]) -> tuple[np.ndarray, float | None]:
+def looked_at(play: Frames, seen: HandFrames, size_px: tuple[int, int]) -> tuple[np.ndarray, float | None]:
     """Measure how blurred each frame's hand is [N], and how much the ground changes."""
     blurs = np.ones(len(seen.frames))
     step = max(1, len(seen.frames) // _SAMPLES)
@@ -183,7 +183,7 @@ def _views(cameras: Sequence[Camera]) -> tuple[CaptureView, ...]:
     )
 
 
-def _provenance(source: str, take: FilmedTake, side: Side, chosen: SeenHand) -> dict[str, Any]:
+def _provenance(source: str, take: FilmedTake, side: Side, chosen: HandFrames) -> dict[str, Any]:
     """Describe the capture, and so the header of an avatar trained on it, which gets its person's shape from it."""
     return {
         "made_by": "livehand track",

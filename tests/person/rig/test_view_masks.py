@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from livehand.backend.hand.lbs import posed_arrays
-from livehand.backend.person.picture import BACKGROUND, HAND, UNKNOWN
+from livehand.backend.person.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.backend.person.rig.view_masks import (
     ARM,
     FREE,

@@ -27,7 +27,7 @@ def test_ink_stays_on_its_side():
 def test_noise_forgets_as_a_gaussian_of_its_size():
     rng = np.random.default_rng(0)
     at = rng.uniform(-30, 30, (2000, 3))
-    pairs = [at, at + (3, 0, 0), at + (0, 6, 0), at + (0, 0, 20)]
+    pairs = [at + np.array(moved) for moved in ((0, 0, 0), (3, 0, 0), (0, 6, 0), (0, 0, 20))]
     products = np.zeros(len(pairs))
     for seed in range(40):
         values = [smooth_noise(np.random.default_rng(seed), points, 3.0) for points in pairs]

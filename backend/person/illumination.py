@@ -16,8 +16,8 @@ from scipy.spatial import ConvexHull
 from ..capture.masks.mask import load_opencv
 from ..capture.picture import srgb_to_linear
 from ..records.light import Light, Sky, sky_directions
+from .hand_picture import HAND, HandPicture
 from .model import PersonModel
-from .picture import HAND, HandPicture
 
 _SKY_SIZE = 16, 32
 _SHARPNESS = 6  # exponent of the cosine of a lobe
@@ -30,7 +30,7 @@ _ROUNDS, _REWEIGHTED = 6, 2
 
 
 @dataclass(frozen=True)
-class PictureLight:
+class Illumination:
     """The light of the pictures of one scene.
 
     Attributes:
@@ -64,7 +64,7 @@ class LitPixels:
 
 
 def sky_lobes() -> np.ndarray:
-    """[L, H, W] of L = 32 lobes in the directions of an icosahedron's corners and faces."""
+    """Compute the lobes [32, H, W] in the directions of an icosahedron's corners and faces."""
     directions = sky_directions(*_SKY_SIZE)
     return np.stack([np.maximum(directions @ axis, 0) ** _SHARPNESS for axis in _axes()])
 
@@ -92,7 +92,7 @@ def lit_pixels(
     return LitPixels(np.concatenate(basis), np.concatenate(shown), np.concatenate(uv))
 
 
-def fitted_light(pixels: LitPixels, ratio: np.ndarray | None = None) -> PictureLight:
+def fitted_light(pixels: LitPixels, ratio: np.ndarray | None = None) -> Illumination:
     """Fit the light to pixels. Its colour is not told apart from the skin's here, and left to the person's numbers.
 
     Args:
@@ -113,11 +113,11 @@ def fitted_light(pixels: LitPixels, ratio: np.ndarray | None = None) -> PictureL
             weight = 1 / (grey + 0.05) / np.sqrt(1 + (error / _OUTLIER) ** 2)
         tint = np.exp(np.median(np.log((pixels.shown + 1e-3) / (basis @ lobes + 1e-3)), 0))
     strength = np.exp(np.log(tint).mean())
-    return PictureLight(lobes * strength, np.ones(3))
+    return Illumination(lobes * strength, np.ones(3))
 
 
 def _axes() -> np.ndarray:
-    """[32, 3] unit directions."""
+    """Return 32 unit directions."""
     golden = (1 + 5**0.5) / 2
     corners = np.array([[0, s, t * golden] for s in (-1, 1) for t in (-1, 1)])
     corners = np.concatenate([corners, np.roll(corners, 1, 1), np.roll(corners, 2, 1)])

@@ -63,6 +63,7 @@ class PicturedHand:
         side: of the hand that was pictured; a left one's pictures are mirrored.
         source: of the pictures, for the avatar's provenance.
         offset_m: [V] of the person's shape, along the normals of the template at rest; None: not known.
+        is_calibrated: whether cameras and poses were fitted together, and are surer than flow against another skin.
         notes: what people should know of the source: pictures left out, skin that was not seen, a guessed focal length.
     """
 
@@ -70,4 +71,5 @@ class PicturedHand:
     side: Side
     source: str
     offset_m: np.ndarray | None = None
+    is_calibrated: bool = False
     notes: tuple[str, ...] = ()

@@ -1,7 +1,8 @@
-"""The pictures of a capture: of one's own rig whose poses are known, or of a film that `livehand track` has cut."""
+"""Where pictures come from: a film, photographs, or a capture whose poses are known."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,50 @@ from ..capture.capture import Capture, CaptureView, load_capture
 from ..capture.picture import linear_to_srgb, straight
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError
-from .picture import BACKGROUND, HAND, UNKNOWN, HandPicture, PicturedHand
+from ..records.side import Side
+from .hand_picture import BACKGROUND, HAND, UNKNOWN, HandPicture, PicturedHand
+from .rig.calibration import has_cameras
+from .rig.pictures_of_rig import pictures_of_rig
 
+FILM_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".mts", ".ts")
+_MOST_PICTURES = 40
 _SURE_HAND, _SURE_BACKGROUND = 0.75, 0.25  # of alpha
+
+
+def pictured_hand(
+    source: Path, model: HandModel, side: Side | None, weights: Path | None, log: Callable[[str], None]
+) -> PicturedHand:
+    """Read pictures of a hand from whatever the source is.
+
+    Raises:
+        LiveHandError: there is nothing, no hand, or no hand that is good enough.
+    """
+    if (source / "transforms.json").is_file():
+        return pictures_of_capture(source, model, _MOST_PICTURES)
+    from ..tracking.weights import load_networks
+
+    if has_cameras(source):
+        return _hand_of_rig(pictures_of_rig(source, networks=load_networks(weights), model=model, say=log), side)
+
+    if source.is_file() and source.suffix.lower() in FILM_SUFFIXES:
+        from .film import pictures_of_film
+
+        return pictures_of_film(source, model, log, side, _MOST_PICTURES, load_networks(weights))
+    if source.is_dir():
+        from .photographs import pictures_of_photographs
+
+        return pictures_of_photographs(source, model, log, side, load_networks(weights))
+    raise LiveHandError(
+        f"{source} must be a film ({', '.join(FILM_SUFFIXES)}), a folder of photographs (.jpg, .png), pictures of "
+        "calibrated cameras (with cameras.json) or a capture (with transforms.json); check the path"
+    )
+
+
+def _hand_of_rig(hands: Mapping[Side, PicturedHand], side: Side | None) -> PicturedHand:
+    """Choose a hand: the wanted one, or the one that more cameras show."""
+    if side is not None and side not in hands:
+        raise LiveHandError(f"--side must name a hand that the cameras show, got {side}; they show {', '.join(hands)}")
+    return hands[side] if side else max(hands.values(), key=lambda hand: len(hand.pictures))
 
 
 def pictures_of_capture(folder: Path, model: HandModel, most: int) -> PicturedHand:

@@ -27,7 +27,7 @@ _LEAST_INSIDE = 0.95  # of the landmarks, in the picture
 
 
 @dataclass(frozen=True)
-class SeenHand:
+class HandFrames:
     """Frames of the film in which the hand is seen whole, with a small fit error, as a right hand's.
 
     Attributes:
@@ -42,20 +42,20 @@ class SeenHand:
     fit_error: np.ndarray
     px: np.ndarray
 
-    def of(self, indices: np.ndarray) -> SeenHand:
+    def of(self, indices: np.ndarray) -> HandFrames:
         """Select some of the frames."""
         motion = replace(self.motion, theta=self.motion.theta[indices], transl=self.motion.transl[indices])
-        return SeenHand(self.frames[indices], motion, self.fit_error[indices], self.px[indices])
+        return HandFrames(self.frames[indices], motion, self.fit_error[indices], self.px[indices])
 
 
 def film_camera(take: FilmedTake) -> Camera:
-    """Return the film's camera, in the world that `seen_hand` brings the hand to."""
+    """Return the film's camera, in the world that `hand_frames` brings the hand to."""
     width, height = take.camera.size_px
     K = np.array([[take.camera.focal_px, 0, width / 2], [0, take.camera.focal_px, height / 2], [0, 0, 1.0]])
     return Camera(K, to_blender("opencv"), take.camera.size_px)
 
 
-def seen_hand(take: FilmedTake, side: Side, fit: TakeFit, right: HandModel) -> SeenHand:
+def hand_frames(take: FilmedTake, side: Side, fit: TakeFit, right: HandModel) -> HandFrames:
     """Select the frames that show a fitted hand whole, in the world of `film_camera`.
 
     Raises:
@@ -76,7 +76,7 @@ def seen_hand(take: FilmedTake, side: Side, fit: TakeFit, right: HandModel) -> S
     motion = sampled_at(fit.motion, at[is_sure])
     motion = motion if side == "right" else mirrored(motion)
     motion = transformed(motion, to_blender("opencv"), rest_wrists(right, motion.beta))
-    return SeenHand(hand.frames[is_sure], motion, fit_error[is_sure], hand.px[is_sure])
+    return HandFrames(hand.frames[is_sure], motion, fit_error[is_sure], hand.px[is_sure])
 
 
 def frames_of(play: Frames, frames: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
