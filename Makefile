@@ -24,7 +24,7 @@ KILLS ?= 200
 # A Blender program for `make test-gui`, with torch in its Python.
 BLENDER ?= blender
 
-.PHONY: demo test test-fast fuzz kills test-cuda test-gui test-matrix check results benchmark docs zip clean
+.PHONY: demo test test-fast test-nightly fuzz kills test-cuda test-gui test-matrix check results benchmark docs zip clean
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
@@ -34,20 +34,24 @@ demo: $(VENV)/demo.stamp
 test: $(VENV)/dev.stamp
 	$(VENV_PYTHON) -m pytest -q $(SHARED) --durations=10
 
-# Files changed at random, for every reader; `make test` does 30 seconds of it. Another FIRST gives other files.
+# What takes half a minute or more, and says what `make test` says by a smaller case. A GitHub workflow runs it every night.
+test-nightly: $(VENV)/dev.stamp
+	$(VENV_PYTHON) -m pytest -q $(SHARED) -m nightly --durations=10
+
+# Files changed at random, for every reader; the tests do a share of it. Another FIRST gives other files.
 MINUTES ?= 10
 FIRST ?= $(shell date +%s)
 fuzz: $(VENV)/dev.stamp
 	$(VENV_PYTHON) tests/fuzz/run.py --seconds $$(( $(MINUTES) * 60 )) --first $(FIRST)
 
-# Commands killed at random moments, and repeated until they are done; `make test` does three of it.
+# Commands killed at random moments, and repeated until they are done; the tests do a share of it.
 kills: $(VENV)/dev.stamp
 	$(VENV_PYTHON) tests/kills/run.py --kills $(KILLS)
 
 # The daily loop: no Blender, nothing that is fitted or slow.
 test-fast: $(VENV)/dev.stamp
-	$(VENV_PYTHON) -m pytest -q $(SHARED) -m "not slow" tests \
-		$(addprefix --ignore=tests/,blender gui training benchmark baselines comparison fuzz kills)
+	$(VENV_PYTHON) -m pytest -q $(SHARED) -m "not slow and not nightly" tests \
+		$(addprefix --ignore=tests/,blender gui training research/benchmark research/baselines research/comparison fuzz kills)
 
 # Fails without a GPU, so that nothing skipped is taken for passed.
 test-cuda: $(VENV)/dev.stamp
@@ -58,7 +62,7 @@ test-cuda: $(VENV)/dev.stamp
 test-matrix: $(OTHER_BLENDERS:%=.venv-bpy%/test.stamp)
 	@failed=; for version in $(OTHER_BLENDERS); do \
 		echo "Blender $$version"; \
-		.venv-bpy$$version/bin/python -m pytest -q $(SHARED) tests/blender || failed="$$failed $$version"; \
+		.venv-bpy$$version/bin/python -m pytest -q $(SHARED) -m "" tests/blender || failed="$$failed $$version"; \
 	done; test -z "$$failed" || { echo "Failed in Blender$$failed" >&2; exit 1; }
 
 # A real window, in a virtual X screen. Also needs Xvfb, xdotool and ImageMagick; takes minutes. Screenshots: out/gui.

@@ -25,6 +25,7 @@ from ..backend.commands.reenact.command import COMMAND as REENACT
 from ..backend.commands.track import COMMAND as TRACK
 from ..backend.commands.warm_up import COMMAND as WARM_UP
 from ..backend.evaluation.command import COMMAND as EVALUATE
+from ..backend.evaluation.perceptual.fetch_command import COMMAND as FETCH_PERCEPTUAL
 from ..backend.evaluation.sheet_command import COMMAND as SHEET
 from ..backend.motion.document import SUFFIXES as POSE_FILES
 from ..backend.person.command import COMMAND as PERSON
@@ -153,6 +154,7 @@ COMMANDS: dict[str, Command] = {
         IMPORT_TRANSFORMS,
         MASK,
         FETCH_TRACKER,
+        FETCH_PERCEPTUAL,
         TRACK,
         REENACT,
         *_optional("livehand_blender.research.commands"),

@@ -63,3 +63,15 @@ def test_without_a_gpu_torch_is_for_cpus_from_the_index_that_is_named_and_make_s
     assert "--index-url somewhere" in named
     assert "torch>=2.6" in named
     assert "--index-url" not in default + gpu
+
+
+def test_the_fast_tests_leave_out_folders_that_are_there(make):
+    (command,) = (line for line in joined(make(("python3.11",), "--dry-run", "test-fast").stdout) if "pytest" in line)
+    left_out = [word.removeprefix("--ignore=") for word in command.split() if word.startswith("--ignore=")]
+    assert left_out
+    assert [name for name in left_out if not (ROOT / name).is_dir()] == []
+
+
+def joined(text):
+    """The commands of a dry run, each in one line."""
+    return text.replace("\\\n", " ").splitlines()

@@ -12,7 +12,7 @@ import numpy as np
 from ..hand.model import HandModel
 from ..hand.model_file import DEFAULT_HAND, load_hand_model
 from ..motion.landmarks.take_file import FilmedTake, write_take
-from ..motion.landmarks.take_fit import DOUBTFUL, LONGEST_GAP_S, TakeFit, fit_take
+from ..motion.landmarks.take_fit import LONGEST_GAP_S, MOST_FIT_ERROR, TakeFit, fit_take
 from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
 from ..system.command import Command, warn
@@ -29,17 +29,17 @@ PANEL_IN = (9.0, 2.4)
 """Width and height of a panel."""
 
 
-def draw_doubt(figure: Figure, fits: Mapping[Side, TakeFit]) -> None:
-    """Plot doubt in percent of the hand's size; shaded where the motion has no keys, dotted where it is a mistake."""
+def draw_fit_error(figure: Figure, fits: Mapping[Side, TakeFit]) -> None:
+    """Plot fit errors in percent of the hand's size; shaded: no keys; dotted: mistakes above."""
     for axes, (side, fit) in zip(figure.subplots(len(fits), 1, squeeze=False)[:, 0], fits.items(), strict=True):
         step_s = 1 / (fit.motion.fps or 30.0)
-        times = fit.start_s + np.arange(len(fit.doubt)) * step_s
-        is_seen = fit.doubt < 1
-        axes.plot(times, np.where(is_seen, 100 * fit.doubt, np.nan), marker=".", markersize=3)
+        times = fit.start_s + np.arange(len(fit.fit_error)) * step_s
+        is_seen = fit.fit_error < 1
+        axes.plot(times, np.where(is_seen, 100 * fit.fit_error, np.nan), marker=".", markersize=3)
         for first, last in _runs(~fit.is_keyed):
             axes.axvspan(times[first] - step_s / 2, times[last] + step_s / 2, alpha=0.3, color="grey")
-        axes.axhline(100 * DOUBTFUL, linestyle=":")
-        axes.set(title=f"{side} hand", xlabel="s", ylabel="doubt, % of the hand's size", ylim=(0, None))
+        axes.axhline(100 * MOST_FIT_ERROR, linestyle=":")
+        axes.set(title=f"{side} hand", xlabel="s", ylabel="fit error, % of the hand's size", ylim=(0, None))
         axes.grid(alpha=0.4)
 
 
@@ -61,7 +61,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--hands", type=int, choices=(1, 2), default=2, help="hands to look for (default: %(default)s)")
     parser.add_argument("--weights", type=Path, metavar="DIR", help="the tracker's folder, if it is not the user's own")
-    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="plot the doubt over time (needs matplotlib)")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="plot the fit error over time (needs matplotlib)")
     parser.add_argument(
         "--hand",
         type=Path,
@@ -123,7 +123,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         fits[side] = fit_take(hand, take.times, take.camera, model, side, take.fps)
     if args.plot:
         figure = new_figure(PANEL_IN[0], PANEL_IN[1] * len(fits))
-        draw_doubt(figure, fits)
+        draw_fit_error(figure, fits)
         save_figure(figure, args.plot)
     lines = [_facts(side, fit) for side, fit in fits.items()]
     captured = _captured(args, video, take, model) if args.capture else {}
@@ -164,19 +164,19 @@ def _shown(frames: Iterator[VideoFrame], count: int) -> Iterator[VideoFrame]:
 
 
 def _numbers(fit: TakeFit) -> dict[str, Any]:
-    worst = np.argsort(-np.where(fit.is_keyed, fit.doubt, 0))[:_WORST]
+    worst = np.argsort(-np.where(fit.is_keyed, fit.fit_error, 0))[:_WORST]
     return {
         "keyed": int(fit.is_keyed.sum()),
         "without_keys": int((~fit.is_keyed).sum()),
         "rejected": fit.rejected,
-        "doubt": round(float(np.median(fit.doubt[fit.is_keyed])), 4),
+        "doubt": round(float(np.median(fit.fit_error[fit.is_keyed])), 4),
         "most_doubtful_s": [round(fit.start_s + int(index) / (fit.motion.fps or 30.0), 2) for index in sorted(worst)],
     }
 
 
 def _facts(side: Side, fit: TakeFit) -> str:
     numbers = _numbers(fit)
-    line = f"  {side} hand: {numbers['keyed']} frames, median doubt {100 * numbers['doubt']:.1f} % of its size"
+    line = f"  {side} hand: {numbers['keyed']} frames, median fit error {100 * numbers['doubt']:.1f} % of its size"
     if numbers["without_keys"]:
         line += f"; {numbers['without_keys']} frames lie in gaps over {LONGEST_GAP_S} s and have no keys"
     if numbers["rejected"]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..avatars.library import AVATAR_HELP, avatar_path, shipped_avatar_path
 from ..system.command import Command, parse_count
+from .lpips_options import add_lpips_arguments, lpips_names, lpips_note, lpips_of
 
 if TYPE_CHECKING:
     import torch
@@ -53,13 +54,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--worst", type=parse_count, default=8, metavar="K", help="number of views in worst.png (default: %(default)s)"
     )
-    parser.add_argument(
-        "--lpips-weights",
-        type=Path,
-        nargs=2,
-        metavar=("NETWORK", "HEADS"),
-        help="measure LPIPS with torchvision's VGG16, AlexNet or SqueezeNet 1.1 and the published linear heads for it",
-    )
+    add_lpips_arguments(parser)
     parser.add_argument(
         "--perceptual-weights",
         type=Path,
@@ -103,7 +98,7 @@ def _run(args: argparse.Namespace) -> dict:
     check_any(scores, capture)
     total, splits, lights = summary(scores), by_split(scores), by_light(scores)
     lines = {**lights, **(splits if args.split in _SEVERAL else {}), args.split: total}
-    text = "\n".join([summary_tables(lines), *_notes(total, len(views))])
+    text = "\n".join([summary_tables(lines), *_notes(total, len(views), lpips_note(args))])
     if args.output:
         _write_results(args, scores, (total, splits, lights), text)
         sheets.save(args.output)
@@ -127,20 +122,18 @@ def _views_of(capture: Capture, split: str, most: int | None) -> list[CaptureVie
 
 
 def _distances(args: argparse.Namespace, device: torch.device) -> list[Distance]:
-    from .distances import lpips_distances, vgg19_distance
+    from .distances import vgg19_distance
 
     found = [vgg19_distance(args.perceptual_weights, device)] if args.perceptual_weights else []
-    if args.lpips_weights:
-        network, heads = args.lpips_weights
-        found += lpips_distances(network, heads, device)
-    return found
+    return found + lpips_of(args, device)
 
 
-def _notes(total: Summary, view_count: int) -> list[str]:
+def _notes(total: Summary, view_count: int, lpips: str | None) -> list[str]:
     """Word what the tables do not tell."""
     left_out = view_count - int(total["images"])
     notes = [f"{left_out} of {view_count} views were left out: {_LEFT_OUT}"] if left_out else []
     notes += [] if "flip" in total else [_NO_FLIP]
+    notes += [lpips] if lpips else []
     return ["", *notes] if notes else []
 
 
@@ -153,8 +146,8 @@ def _write_results(
     from .report import scores_csv, summary_json, write_text
 
     facts = {"capture": str(args.capture), "avatar": str(args.avatar), "split": args.split}
-    if args.lpips_weights:
-        facts["lpips_weights"] = " ".join(path.name for path in args.lpips_weights)
+    if names := lpips_names(args):
+        facts["lpips_weights"] = ", ".join(names)
     write_text(scores_csv(scores), args.output / "scores.csv")
     write_text(summary_json(facts, *figures), args.output / "summary.json")
     write_text(text + "\n", args.output / "summary.txt")

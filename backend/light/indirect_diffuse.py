@@ -142,7 +142,7 @@ def indirect_diffuse_on_mesh(
     normal: Float[Tensor, "R 3"],
     surfels: Surfels,
     emitted: Float[Tensor, "P 3"],
-    bounce: IndirectDiffuse = indirect_diffuse,
+    indirect: IndirectDiffuse = indirect_diffuse,
 ) -> Float[Tensor, "R 3"]:
     """Interpolate the indirect diffuse light of points between the mesh's vertices; points beside it as they are.
 
@@ -152,8 +152,8 @@ def indirect_diffuse_on_mesh(
         normal: unit.
         surfels: the skin.
         emitted: radiance of each surfel.
-        bounce: as `indirect_diffuse`.
+        indirect: as `indirect_diffuse`.
     """
-    received = hit_points.blend(bounce(surfels.vertices, surfels.normals, surfels, emitted))
+    received = hit_points.blend(indirect(surfels.vertices, surfels.normals, surfels, emitted))
     beside = hit_points.is_beside.nonzero()[:, 0]
-    return received.index_put((beside,), bounce(position[beside], normal[beside], surfels, emitted))
+    return received.index_put((beside,), indirect(position[beside], normal[beside], surfels, emitted))

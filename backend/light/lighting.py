@@ -313,8 +313,10 @@ def _colour_of_skin(
     lamps_mirrored = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
     squared = skin.alphas_squared
     leaving = horizon_occlusion(mirroring, surface, view, squared)
-    sky_mirrored = features.mirrored.gloss(mirroring, view, squared) * (leaving * features.lobe_visibility)[..., None]
-    gloss = lamps_mirrored + sky_mirrored + features.near_field_specular
+    sky_mirrored = (
+        features.mirrored.specular(mirroring, view, squared) * (leaving * features.lobe_visibility)[..., None]
+    )
+    specular = lamps_mirrored + sky_mirrored + features.near_field_specular
     scattering = coefficients[:, SCATTERED].reshape(-1, 2, 3)
     of_lamps, of_sky = _diffuse_light_of(skin, normal, towards, features)
     inside = coefficients[:, DIFFUSE] * (of_lamps + of_sky)
@@ -324,7 +326,7 @@ def _colour_of_skin(
     inside = inside + scattering[:, 0] * features.scattered[:, 0] + scattering[:, 1] * shallow
     even, of_surface = (features.mirrored.of_even_light(bent, view, squared) for bent in (mirroring, surface))
     under = (1 - _of_lobes(even, nail)) / (1 - _of_lobes(of_surface, nail))
-    direct = inside * under[:, None] + (coefficients[:, GLOSS, None] * gloss).sum(1)
+    direct = inside * under[:, None] + (coefficients[:, GLOSS, None] * specular).sum(1)
     # Gloss mirrors skin as well, which is about as bright around the mirrored view as everywhere.
     of_skin = (coefficients[:, GLOSS] * even * leaving).sum(1, keepdim=True)
     return direct * features.arriving + (reflectance(coefficients) + of_skin) * features.reflected

@@ -45,19 +45,19 @@ class PatchIrradiance(NamedTuple):
     of_lamps: Tensor
 
     def emitted(
-        self, light: LightSamples, skin: SurfelIrradiance, bounce: IndirectDiffuse = indirect_diffuse
+        self, light: LightSamples, skin: SurfelIrradiance, indirect: IndirectDiffuse = indirect_diffuse
     ) -> Float[Tensor, "P 3"]:
         """Compute the radiance of the patches, after one exchange among them and with the hand's light on them.
 
         Args:
             light: sampled.
             skin: of the hand, in that light.
-            bounce: as `indirect_diffuse`.
+            indirect: as `indirect_diffuse`.
         """
         patches = self.patches
         received = self.of_sky.T @ light.sky.flux + self.of_lamps.T @ light.lamps.rgb
         first = patches.albedo * received
-        of_hand = bounce(patches.position, patches.normal, skin.surfels, skin.emitted(light))
+        of_hand = indirect(patches.position, patches.normal, skin.surfels, skin.emitted(light))
         return first + patches.albedo * (patches.exchanged() @ first + of_hand)
 
 

@@ -1,6 +1,6 @@
 """The sky prefiltered for glossy lobes: radiance by the direction of reflection, on an octahedral map.
 
-Each lobe of a pixel's gloss is a pair of round ones (`isotropic_lobes`): the mean radiance of the sky around their
+Each specular lobe of a pixel is a pair of round ones (`isotropic_lobes`): the mean radiance of the sky around their
 directions, times what they reflect of even light, times the share of that light which the hand lets through to the ray
 (`LightFeatures.lobe_visibility`).
 """
@@ -64,7 +64,7 @@ class PrefilteredEnvironment(NamedTuple):
         radiance = _around_directions(coarse.tobytes(), coarse.shape[:2])
         return cls(torch.as_tensor(radiance, device=device), lobes)
 
-    def gloss(
+    def specular(
         self, normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"], alpha_squared: Float[Tensor, "P G"]
     ) -> Float[Tensor, "P G 3"]:
         """Look up the light in G lobes; without gradients.
@@ -77,18 +77,18 @@ class PrefilteredEnvironment(NamedTuple):
         normal, view = normal.detach(), view.detach()
         along = (normal * view).sum(-1, keepdim=True)
         ahead = torch.nn.functional.normalize(view - along * normal, dim=-1)
-        gloss = []
+        specular = []
         for squared in alpha_squared.detach().unbind(1):
             pair = lobes_at(-along[:, 0], squared, self.lobes)
             towards = pair[..., AHEAD, None] * ahead[:, None] + pair[..., UP, None] * normal[:, None]
             around = self._around(towards.flatten(0, 1), pair[..., WIDTH].flatten()).unflatten(0, (-1, 2))
-            gloss.append((pair[..., SHARE, None] * around).sum(1))
-        return torch.stack(gloss, 1)
+            specular.append((pair[..., SHARE, None] * around).sum(1))
+        return torch.stack(specular, 1)
 
     def of_even_light(
         self, normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"], alpha_squared: Float[Tensor, "P G"]
     ) -> Float[Tensor, "P G"]:
-        """Compute what the lobes would reflect of light of radiance 1 from everywhere; arguments as in `gloss`."""
+        """Compute what the lobes would reflect of light of radiance 1 from everywhere; arguments as in `specular`."""
         to_eye = -(normal.detach() * view.detach()).sum(-1)
         pairs = (lobes_at(to_eye, squared, self.lobes) for squared in alpha_squared.detach().unbind(1))
         return torch.stack([pair[..., SHARE].sum(1) for pair in pairs], 1)

@@ -41,7 +41,7 @@ class SkySamples(NamedTuple):
         towards: [K, 3] unit, world.
         flux: [K, 3] radiance times solid angle of each direction's cell, divided by pi.
         share: [K] of the sphere; 0 for divided cells.
-        mirrored: its gloss.
+        mirrored: its specular light.
     """
 
     towards: Tensor

@@ -89,7 +89,7 @@ def pictures_of_film(
     progress("choosing pictures")
     camera = film_camera(take)
     blurs, change = looked_at(play, seen, camera.size_px)
-    chosen = seen.of(chosen_frames(seen.motion, seen.doubt, blurs, least=1, most=most))
+    chosen = seen.of(chosen_frames(seen.motion, seen.fit_error, blurs, least=1, most=most))
     poses = [chosen.motion.pose(index) for index in range(len(chosen.frames))]
     windows = [
         window_around(camera.project(posed_vertices(right, pose)[right.framed_vertices])[0], camera.size_px, LONGEST_PX)

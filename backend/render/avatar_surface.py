@@ -18,7 +18,7 @@ from ..surface.albedo_ratio import RATIO_ARRAY, AlbedoRatio
 from ..surface.base_surface import whole_surface
 from ..surface.detail_maps import DetailMaps, SkinLook
 from ..surface.detail_maps_file import SkinFlexion, skin_detail_of
-from ..surface.detail_mesh import DetailMesh, DetailTemplate, motion_of_mesh
+from ..surface.detail_mesh import DetailMesh, DetailTemplate, skin_motion_of
 from ..surface.detail_surface import DetailSurface, detail_surface_of
 from ..surface.hair_growth import HairGround, HairGrowth, Hairs, grown_hairs
 from ..surface.hairs import hair_albedo
@@ -67,7 +67,7 @@ class AvatarSurface:
         device = mesh.vertices.device
         motion = backend.skin_motion(template.skin, pose)
         if (motion.vertices - mesh.vertices).abs().max() > _ON_POSE_M:
-            motion = motion_of_mesh(template, mesh, frames)
+            motion = skin_motion_of(template, mesh, frames)
         mirror = 1 if pose.side == "right" else MIRROR_AXIS_ANGLE
         theta, forearm = pose.theta * mirror, pose.forearm * mirror
         height_m = 1e-3 * self.surface.raised.height_mm(theta, self.veins_mm, forearm)

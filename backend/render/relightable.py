@@ -68,7 +68,7 @@ from .progress import RenderProgress
 _EVEN_SKY = Sky(np.ones((1, 1, 3)))
 
 
-class _Last(threading.local):
+class _LastGBuffer(threading.local):
     """Of each thread, the last G-buffer that it rendered, for the next light that falls on it; None before."""
 
     gbuffer: GBuffer | None = None
@@ -229,8 +229,8 @@ class RelightablePipeline(Pipeline):
         return self.tensor(self._vertex_albedo)
 
     @cached_property
-    def _last(self) -> _Last:
-        return _Last()
+    def _last(self) -> _LastGBuffer:
+        return _LastGBuffer()
 
 
 def _lamp_skins(gbuffer: GBuffer, light: Light) -> LampShadowCasters | None:

@@ -268,7 +268,7 @@ def on_surface(hand: HandInView, surface: DetailMesh, depth: Float[Tensor, " P"]
     return hand._replace(mesh=hand.mesh._replace(vertices=moved), surface_depth=depth)
 
 
-def motion_of_mesh(template: DetailTemplate, mesh: PosedMesh, frames: LocalFrames) -> SkinMotion:
+def skin_motion_of(template: DetailTemplate, mesh: PosedMesh, frames: LocalFrames) -> SkinMotion:
     """Recover the motion of a mesh that not only its pose moved: by the rotation of the surface about each vertex.
 
     Args:

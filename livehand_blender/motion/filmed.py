@@ -1,4 +1,4 @@
-"""A filmed take onto a hand: its keys, and markers where the hand was lost or is in doubt."""
+"""A filmed take onto a hand: its keys, and markers where the hand was lost or its fit error is large."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .frames import frame_rate
 from .keying import Placement, key_motion
 
 _PREFIX = "LiveHand: "
-_DOUBTFUL = 0.045  # of the hand's size; good frames have half of it
+_MARKED_FIT_ERROR = 0.045  # of the hand's size; good frames have half of it
 _MOST_MARKERS = 40
 
 
@@ -33,13 +33,13 @@ def key_take(scene: bpy.types.Scene, hand: RiggedHand, fit: TakeFit, placement: 
 def _mark(scene: bpy.types.Scene, name: str, fit: TakeFit, start: int, frames_per_step: float) -> None:
     """Mark where gaps and doubtful stretches begin; markers of an earlier import are replaced."""
     markers = scene.timeline_markers
-    last = start + round((len(fit.doubt) - 1) * frames_per_step)
+    last = start + round((len(fit.fit_error) - 1) * frames_per_step)
     for marker in [one for one in markers if one.name.startswith(_PREFIX) and one.name.endswith(name)]:
         if start <= marker.frame <= last:
             markers.remove(marker)
-    lost, doubtful = ~fit.is_keyed, fit.is_keyed & (fit.doubt > _DOUBTFUL)
+    lost, doubtful = ~fit.is_keyed, fit.is_keyed & (fit.fit_error > _MARKED_FIT_ERROR)
     found = [(step, "no hand") for step in _starts(lost)] + [(step, "check") for step in _starts(doubtful)]
-    worst = sorted(found, key=lambda one: -fit.doubt[one[0]])[:_MOST_MARKERS]
+    worst = sorted(found, key=lambda one: -fit.fit_error[one[0]])[:_MOST_MARKERS]
     for step, word in worst:
         markers.new(f"{_PREFIX}{word}, {name}", frame=start + round(step * frames_per_step))
 

@@ -16,7 +16,7 @@ from ...backend.motion.files.open_files import open_files
 from ...backend.motion.files.summary import file_summary
 from ...backend.motion.formats.own import write_motion
 from ...backend.motion.landmarks.picture_camera import PictureCamera
-from ...backend.motion.landmarks.take_file import TakeFile, doubt_of
+from ...backend.motion.landmarks.take_file import TakeFile, warning_of
 from ...backend.records.errors import LiveHandError
 from ...backend.rigs.rig_suffixes import RIG_SUFFIXES
 from ..motion.filmed import key_take
@@ -94,7 +94,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         fit = file.with_changes(beta=read_beta(hand.armature)).fit(hand.model)
         placement = replace(self._placement(), space="opencv", sets_shape=False, camera=self._camera(context.scene))
         count = key_take(context.scene, hand, fit, placement)
-        return f"{count} frames of a {file.info.format}", doubt_of(fit)
+        return f"{count} frames of a {file.info.format}", warning_of(fit)
 
     def _key_rig(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, str | None]:
         """Key, as `_key_poses`, an armature in a file."""

@@ -75,6 +75,7 @@ def test_arrays_of_its_own_are_deflated_and_the_same(save, middle):
     same(read_surface_of(path), replace(middle, arrays=own))
 
 
+@pytest.mark.slow
 def test_a_whole_surface_needs_no_base(save, middle, monkeypatch):
     whole = whole_surface(middle)
     path = save(whole)

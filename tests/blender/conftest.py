@@ -16,7 +16,8 @@ from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model_file import ARM_KEY, load_default_hand, load_hand_model
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
-from livehand.backend.tracking.weights import fetch_networks, has_networks
+from livehand.backend.system.package_files import fetch_files
+from livehand.backend.tracking.weights import PACKAGE, has_networks, keep_networks
 from livehand.livehand_blender.rig import hand_mesh
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.tools.builtin_hand import TEMPLATE
@@ -181,7 +182,7 @@ def tracker_networks():
     """The tracker's networks are in the data folder, or the test is skipped."""
     if not has_networks():
         try:
-            fetch_networks()
+            keep_networks(fetch_files(PACKAGE))
         except LiveHandError as error:
             pytest.skip(f"the tracker's networks cannot be fetched: {error}")
 

@@ -31,6 +31,7 @@ FAILING = {
     "import-transforms": "NO --poses NO -o OUT",
     "mask": "NO",
     "fetch-tracker": "--weights NO",
+    "fetch-perceptual": "--weights NO",
     "track": "NO -o OUT.npz",
     "reenact": "NO -o OUT",
     "warm-up": "",  # fails only where it cannot write

@@ -149,6 +149,7 @@ def install_and_render(zip_path, image_path, *missing):
     )
 
 
+@pytest.mark.nightly
 def test_the_installed_zip_renders_a_frame(zip_path, tmp_path):
     done = install_and_render(zip_path, tmp_path / "frame.png")
     assert done.returncode == 0, done.stdout + done.stderr

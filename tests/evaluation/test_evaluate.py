@@ -292,6 +292,11 @@ def avatar_path(renderer, tmp_path):
     return tmp_path / "mine.safetensors"
 
 
+@pytest.fixture(autouse=True)
+def nothing_fetched(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+
+
 def evaluate(*arguments):
     return run_commands("livehand", "", COMMANDS, ["evaluate", *map(str, arguments)])
 
@@ -316,6 +321,8 @@ def test_the_command_writes_figures_and_sheets(own_capture, avatar_path, tmp_pat
     assert written["all"] == written["splits"]["test"] == figures
     assert written["avatar"] == str(avatar_path)
     assert f"{figures['psnr_hand']:.2f}" in (out / "summary.txt").read_text()
+    assert "LPIPS was not measured" in (out / "summary.txt").read_text()
+    assert not any("lpips" in name for name in rows[0])
     assert sorted(path.name for path in out.iterdir()) == sorted(
         ["contact_sheet.png", "scores.csv", "summary.json", "summary.txt", "worst.png"]
     )

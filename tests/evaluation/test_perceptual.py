@@ -1,5 +1,6 @@
 """Distances by networks: against slow references, at extremes, and unfit files as errors."""
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -191,7 +192,7 @@ def test_the_network_is_recognised_from_its_file(tmp_path, name):
 
 def test_only_torchvisions_file_with_the_published_heads_is_lpips(tmp_path, monkeypatch):
     paths = files(tmp_path, "alexnet")
-    monkeypatch.setattr(lpips_module, "_is_torchvisions", lambda path, layout: True)
+    monkeypatch.setattr(lpips_module, "_is_torchvisions", lambda path, weights, layout: True)
     assert not load_lpips(*paths).is_lpips
     heads = lpips_module._digest(head_weights("alexnet"))
     monkeypatch.setattr(lpips_module, "_HEADS", {"alexnet": heads})
@@ -201,15 +202,35 @@ def test_only_torchvisions_file_with_the_published_heads_is_lpips(tmp_path, monk
     assert not load_lpips(*paths).is_lpips
 
 
-def test_a_file_is_torchvisions_by_its_sha256(tmp_path):
-    import hashlib
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [("alexnet", "lpips"), ("vgg16", "lpips_vgg16"), ("squeezenet1_1", "lpips_squeezenet1_1")],
+)
+def test_only_the_published_weights_make_a_column_of_lpips(name, column):
+    backbone, heads = Backbone(LAYOUTS[name](), backbone_weights(name)), head_weights(name)
+    assert LpipsDistance(backbone, heads, is_lpips=True).column == column
+    assert LpipsDistance(backbone, heads, is_lpips=False).column == "uncalibrated"
 
+
+def test_a_file_is_torchvisions_by_its_sha256(tmp_path):
     path = tmp_path / "any_name.pth"
     path.write_bytes(b"weights")
     digest = hashlib.sha256(b"weights").hexdigest()[:8]
-    layout = _vgg16()._replace(file=f"vgg16-{digest}.pth")
-    assert lpips_module._is_torchvisions(path, layout)
-    assert not lpips_module._is_torchvisions(path, _vgg16())
+    weights = backbone_weights("squeezenet1_1")
+    layout = _squeezenet()._replace(file=f"squeezenet1_1-{digest}.pth")
+    assert lpips_module._is_torchvisions(path, weights, layout)
+    assert not lpips_module._is_torchvisions(path, weights, _squeezenet())
+
+
+def test_or_by_its_values(tmp_path, monkeypatch):
+    path, weights = tmp_path / "any_name.pth", backbone_weights("alexnet")
+    path.write_bytes(b"the same values in another file")
+    values = torch.cat([weights[name].flatten() for name in torch.nn.ModuleList(_alexnet().layers).state_dict()])
+    digest = hashlib.sha256(values.numpy().tobytes()).hexdigest()[:16]
+    monkeypatch.setattr(lpips_module, "_NETWORKS", {"alexnet": digest})
+    assert lpips_module._is_torchvisions(path, weights, _alexnet())
+    weights["0.bias"][3] += 1e-3
+    assert not lpips_module._is_torchvisions(path, weights, _alexnet())
 
 
 def test_unfit_files_are_errors(tmp_path):

@@ -20,6 +20,7 @@ from collections import Counter, defaultdict
 from pathlib import Path
 
 CASE_CPU_S, CASE_WALL_S, CASE_MIB = 10, 120, 2048
+LEAST_CASES = 30  # of a process, however busy the machine is
 _STARTS = (
     "subprocess.Popen",
     "os.system",
@@ -101,7 +102,7 @@ class Tally:
 
 
 def fuzz(folder, end, number):
-    """Cases from this number until the time is up; `folder/log` has a line before and one after each."""
+    """Cases from this number until the time is up, at least LEAST_CASES; `folder/log` has a line around each."""
     os.environ["TQDM_DISABLE"] = "1"
     import numpy as np
     import numpy.testing  # asks for the processor by a process of its own, the first time that scipy imports it
@@ -110,11 +111,12 @@ def fuzz(folder, end, number):
     folder.mkdir()
     os.chdir(folder)
     seeds = all_seeds()
+    wanted = number + LEAST_CASES
     guard(folder)
     for number_of_signal in (signal.SIGPROF, signal.SIGALRM):
         signal.signal(number_of_signal, signal.SIG_DFL)  # ends the process, whatever it is in
     with (folder / "log").open("w") as log:
-        while time.monotonic() < end:
+        while number < wanted or time.monotonic() < end:
             seed = seeds[number % len(seeds)]
             rng = np.random.default_rng(number)
             raw = seed.raw if number < len(seeds) else seed.mutated(rng)

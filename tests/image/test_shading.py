@@ -71,10 +71,10 @@ def some_features(count, seed=1):
 
     vectors = -0.3 * torch.as_tensor(CAM2WORLD[:3, 2], dtype=torch.float32) + 0.1 * rand(1, 2, 3)
     values = (vectors, rand(1, 3, 3), rand(1, 2), rand(1, 2, 3), rand(1, 2, 3))
-    vectors, sky, seen, gloss, scattered = (value.expand(count, *value.shape[1:]) for value in values)
+    vectors, sky, seen, specular, scattered = (value.expand(count, *value.shape[1:]) for value in values)
     arriving, reflected = (rand(1, 3).expand(count, 3) for _ in range(2))
     lamps, mirrored = (rand(2, 3), rand(2) * 0.2), some_sky(seed)
-    return LightFeatures(vectors, *lamps, sky, seen, mirrored, gloss, scattered, arriving, reflected)
+    return LightFeatures(vectors, *lamps, sky, seen, mirrored, specular, scattered, arriving, reflected)
 
 
 def some_sky(seed):
@@ -100,7 +100,7 @@ def test_an_even_patch_has_the_colour_of_its_rays(backend):
     large = backend.shade_image(image, features, ALL, SIZE)
     small = shade_rays(low, points, features)
     assert large.shape == (3, 2 * SIZE[1], 2 * SIZE[0])
-    # Only the view differs from pixel to pixel: the gloss alone varies, and little.
+    # Only the view differs from pixel to pixel: the specular part alone varies, and little.
     torch.testing.assert_close(large.mean((1, 2)), small.mean(0), rtol=0.01, atol=1e-4)
     torch.testing.assert_close(image.alpha, torch.ones_like(image.alpha))
 

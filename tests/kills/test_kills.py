@@ -9,9 +9,14 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import run
 
+NIGHTLY = pytest.mark.nightly
+
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "kills"), [("import", 2), ("train", 1), ("containers", 1)])
+@pytest.mark.parametrize(
+    ("name", "kills"),
+    [("import", 2), pytest.param("train", 1, marks=NIGHTLY), pytest.param("containers", 1, marks=NIGHTLY)],
+)
 def test_a_command_that_is_killed_ends_as_an_undisturbed_one(tmp_path, name, kills):
     survivor = run.Survivor(name, tmp_path / name, random.Random(0))
     survivor.run(kills)

@@ -54,7 +54,7 @@ def some_pixels(count, seed=0):
 def test_an_even_sky_is_reflected_as_the_integral_says(cosine, nail):
     sky = PrefilteredEnvironment.of(Sky(np.full((8, 16, 3), [0.5, 1, 2])), "cpu")
     expected = integral(torch.tensor([0.5, 1, 2]).expand(DIRECTIONS, 3), UP, view_at(cosine), nail)
-    found = sky.gloss(UP, view_at(cosine), lobes(torch.tensor([nail])))[0]
+    found = sky.specular(UP, view_at(cosine), lobes(torch.tensor([nail])))[0]
     torch.testing.assert_close(found, expected, rtol=0.03, atol=0)
 
 
@@ -63,13 +63,13 @@ def test_even_light_is_reflected_whatever_the_sky():
     nail = torch.rand(50, generator=torch.Generator().manual_seed(1))
     even, black = PrefilteredEnvironment.of(Sky(np.ones((4, 8, 3))), "cpu"), PrefilteredEnvironment.of(None, "cpu")
     found = black.of_even_light(normal, view, lobes(nail))
-    torch.testing.assert_close(found, even.gloss(normal, view, lobes(nail))[..., 2], rtol=1e-4, atol=1e-6)
+    torch.testing.assert_close(found, even.specular(normal, view, lobes(nail))[..., 2], rtol=1e-4, atol=1e-6)
     assert (found > 0.01).all()
 
 
 def test_straight_on_it_reflects_what_fresnel_says_and_far_more_from_the_side():
     sky = PrefilteredEnvironment.of(Sky(np.ones((1, 1, 3))), "cpu")
-    straight, side = (sky.gloss(UP, view_at(cosine), on_skin(1))[0, :, 0] for cosine in (1.0, 0.1))
+    straight, side = (sky.specular(UP, view_at(cosine), on_skin(1))[0, :, 0] for cosine in (1.0, 0.1))
     assert float(straight[0]) == pytest.approx(float(fresnel(torch.tensor(1.0))), rel=0.03)
     assert (side > 5 * straight).all()
 
@@ -90,7 +90,7 @@ def test_a_smooth_sky_is_reflected_as_the_integral_says():
     assert to_eye[order[10]] < 0.35
     for one in [*order[:15], *order[15::25]]:
         expected = integral(torch.as_tensor(arriving, dtype=torch.float32), normal[one], view[one])
-        found = sky.gloss(normal[one, None], view[one, None], on_skin(1))[0]
+        found = sky.specular(normal[one, None], view[one, None], on_skin(1))[0]
         torch.testing.assert_close(found, expected, rtol=0.1, atol=1e-3)
 
 
@@ -104,7 +104,7 @@ def test_a_window_ahead_shines_along_the_skin_as_the_integral_says(height):
     arriving = torch.exp(6 * (everywhere() @ torch.as_tensor(ahead, dtype=torch.float32) - 1))[:, None].expand(-1, 3)
     for cosine in (0.1, 0.2, 0.4):
         expected = integral(arriving, UP, view_at(cosine))[:, 0]
-        found = sky.gloss(UP, view_at(cosine), on_skin(1))[0, :, 0]
+        found = sky.specular(UP, view_at(cosine), on_skin(1))[0, :, 0]
         torch.testing.assert_close(found, expected, rtol=0.2, atol=0)
 
 
@@ -119,7 +119,7 @@ def test_a_bright_spot_is_brightest_where_the_view_is_mirrored_to_it_and_sharper
     half = normalize(spot - view, dim=0)
     normals = normalize(half + 0.5 * torch.randn(4000, 3, generator=torch.Generator().manual_seed(1)), dim=-1)
     views = view.expand_as(normals)
-    skins, nails = (sky.gloss(normals, views, lobes(torch.full((4000,), nail)))[:, 0, 0] for nail in (0.0, 1.0))
+    skins, nails = (sky.specular(normals, views, lobes(torch.full((4000,), nail)))[:, 0, 0] for nail in (0.0, 1.0))
     for gloss in (skins, nails):
         assert float((normals[gloss.argmax()] * half).sum()) > np.cos(0.12)
     assert nails.max() > 1.5 * skins.max()
@@ -130,7 +130,7 @@ def test_a_bright_spot_is_brightest_where_the_view_is_mirrored_to_it_and_sharper
 def test_nails_change_the_tight_lobe_alone():
     sky = PrefilteredEnvironment.of(Sky(np.random.default_rng(1).uniform(0, 1, (8, 16, 3))), "cpu")
     normal, view = some_pixels(20)
-    skin, nail = (sky.gloss(normal, view, lobes(torch.full((20,), share))) for share in (0.0, 1.0))
+    skin, nail = (sky.specular(normal, view, lobes(torch.full((20,), share))) for share in (0.0, 1.0))
     assert torch.equal(skin[:, 1], nail[:, 1])
     assert not torch.allclose(skin[:, 0], nail[:, 0], rtol=0.05)
 
@@ -141,7 +141,7 @@ def test_the_map_has_no_seams():
     normal = torch.cat([everywhere(20000), *(torch.eye(3) * sign for sign in (1, -1))])
     beside = normalize(normal + 1e-4 * torch.randn(normal.shape, generator=torch.Generator().manual_seed(3)), dim=-1)
     for view in (-normal, -normalize(normal + 0.5 * normal.roll(1, 1), dim=-1)):
-        here, there = (sky.gloss(one, view, on_skin(len(normal))) for one in (normal, beside))
+        here, there = (sky.specular(one, view, on_skin(len(normal))) for one in (normal, beside))
         assert (here - there).abs().max() < 2e-3 * here.mean()
 
 
@@ -151,7 +151,7 @@ def test_what_is_turned_about_the_vertical_with_its_sky_looks_the_same():
     turned = [torch.stack([values[:, 1], -values[:, 0], values[:, 2]], -1) for values in (normal, view)]
     # Columns run clockwise seen from above: a quarter of them is a quarter turn to the right.
     before, after = (PrefilteredEnvironment.of(Sky(sky), "cpu") for sky in (radiance, np.roll(radiance, 8, 1)))
-    of_both = [sky.gloss(*pixels, on_skin(50)) for sky, pixels in ((after, turned), (before, (normal, view)))]
+    of_both = [sky.specular(*pixels, on_skin(50)) for sky, pixels in ((after, turned), (before, (normal, view)))]
     torch.testing.assert_close(*of_both, rtol=0.03, atol=1e-4)
 
 
@@ -169,15 +169,15 @@ def test_black_and_missing_skies_shed_nothing_and_extremes_stay_finite():
     normal = torch.cat([UP, UP, UP, torch.tensor([[1.0, 0, 0]])])
     view = torch.cat([UP, -UP, torch.tensor([[1.0, 0, 0], [0, 0, -1.0]])])
     for sky in (None, Sky(np.zeros((4, 8, 3)))):
-        assert PrefilteredEnvironment.of(sky, "cpu").gloss(normal, view, on_skin(4)).abs().max() == 0
+        assert PrefilteredEnvironment.of(sky, "cpu").specular(normal, view, on_skin(4)).abs().max() == 0
     bright = PrefilteredEnvironment.of(Sky(np.full((2, 3, 3), 1e6)), "cpu")
     for squared in (0.0, 1e-4, 1.0):
-        assert bright.gloss(normal, view, torch.full((4, 2), squared)).isfinite().all()
+        assert bright.specular(normal, view, torch.full((4, 2), squared)).isfinite().all()
 
 
 def test_normals_get_no_gradients():
     sky, normal = PrefilteredEnvironment.of(Sky(np.ones((2, 4, 3))), "cpu"), UP.clone().requires_grad_()
-    assert not sky.gloss(normal, -UP, on_skin(1)).requires_grad
+    assert not sky.specular(normal, -UP, on_skin(1)).requires_grad
 
 
 def test_mixed_skies_are_the_weighted_sum():
@@ -185,6 +185,6 @@ def test_mixed_skies_are_the_weighted_sum():
     weights = torch.tensor([[1.0, 2, 3], [0.5, 0, 0.25]])
     found, (normal, view) = SkySamples.mixed(skies, weights), some_pixels(10)
     skin = on_skin(10)
-    parts = [sky.mirrored.gloss(normal, view, skin) * weight for sky, weight in zip(skies, weights, strict=True)]
-    torch.testing.assert_close(found.mirrored.gloss(normal, view, skin), sum(parts))
+    parts = [sky.mirrored.specular(normal, view, skin) * weight for sky, weight in zip(skies, weights, strict=True)]
+    torch.testing.assert_close(found.mirrored.specular(normal, view, skin), sum(parts))
     torch.testing.assert_close(found.flux, sum(sky.flux * weight for sky, weight in zip(skies, weights, strict=True)))

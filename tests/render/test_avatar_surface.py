@@ -55,16 +55,19 @@ def test_a_read_of_provenance_is_found():
     assert reads_of_provenance("x = getattr(avatar, 'provenance')") == [1]
 
 
+@pytest.mark.slow
 def test_known_is_what_has_a_surface(avatar):
     assert avatar_surface_of(replace(avatar, provenance={}), CPU) is not None
     assert avatar_surface_of(replace(avatar, surface=None), CPU) is None
 
 
+@pytest.mark.slow
 def test_the_avatars_that_ship_have_their_persons_detail():
     tables = {name: avatar_surface_of(load_avatar(avatar_path(name)), CPU).maps.table for name in ("light", "deep")}
     assert not torch.equal(tables["light"], tables["deep"])
 
 
+@pytest.mark.slow
 def test_deeper_folds_are_steeper(avatar, hand):
     young, old = (of_person(avatar, hand, folds=folds, veins_mm=0.0).maps for folds in (0.7, 1.4))
     slopes = [maps.table[:, 2:6].float().abs().mean().item() for maps in (young, old)]
@@ -72,6 +75,7 @@ def test_deeper_folds_are_steeper(avatar, hand):
     assert np.isfinite(slopes).all()
 
 
+@pytest.mark.slow
 def test_maps_offsets_and_hairs_are_those_of_the_avatars_file(avatar, hand):
     """An avatar's own arrays are rendered, and not the base's."""
     base = base_arrays()
@@ -92,12 +96,14 @@ def test_maps_offsets_and_hairs_are_those_of_the_avatars_file(avatar, hand):
     assert 0 < of_back < 0.3 * of_all
 
 
+@pytest.mark.slow
 def test_a_surface_that_does_not_fit_the_mesh_is_refused(avatar, hand):
     surface = avatar_surface_of(avatar, CPU).surface
     with pytest.raises(LiveHandError, match=r"the surface must have the 30674 vertices of .* got 30673"):
         DetailTemplate.of(replace(surface, offset_m=surface.offset_m[:-1]), hand)
 
 
+@pytest.mark.slow
 def test_the_surface_follows_the_pose_and_else_the_mesh(avatar, hand):
     """That of the pose, to the bit, where the mesh is the pose's; sculpted by 2 mm, it is raised by about as much."""
     known = avatar_surface_of(avatar, CPU)

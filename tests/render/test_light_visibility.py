@@ -174,8 +174,9 @@ def test_a_window_of_the_sky_casts_softer_shadows_in_finer_parts(backend, sphere
     assert steps[0] > 1.5 * steps[1] > 1.5 * 1.5 * steps[2]
 
 
+@pytest.mark.slow
 def test_what_stands_around_lights_skin_that_lights_skin(backend, posed, view_from):
-    """Beside a lit wall: on the points as before, and by the bounce of what the probes receive of it."""
+    """Beside a lit wall: on the points as before, and by the indirect light of what the probes receive of it."""
     one = posed("fist")
     hand = HandInView(one.mesh, one.topology, view_from(one.mesh, (0.2, -1, 0.3)))
     bounds, chosen = Bounds.of(one.mesh), torch.arange(0, len(one.mesh.vertices), 7)

@@ -22,8 +22,8 @@ from livehand.backend.surface.detail_mesh import (
     DetailTemplate,
     LevelsOfDetail,
     detail_mesh,
-    motion_of_mesh,
     on_surface,
+    skin_motion_of,
     spread,
 )
 from livehand.backend.surface.detail_surface import load_detail_surface
@@ -184,7 +184,7 @@ def test_a_mesh_that_no_pose_explains_is_followed_by_its_own_surface(hand, templ
     turn = turn * torch.linalg.det(turn)
     vertices = 2 * posed.vertices @ turn.T + torch.tensor([0.1, 0.2, 0.3])
     mesh = posed_mesh(topology, vertices)
-    moved = motion_of_mesh(template, mesh, topology.frames)
+    moved = skin_motion_of(template, mesh, topology.frames)
     torch.testing.assert_close(moved.vertices, vertices, atol=1e-6, rtol=0)
     _, flex, scale = flat_skin(template, posed)
     height = torch.full((len(template.offset_m),), 0.001)

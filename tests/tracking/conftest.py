@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.system.package_files import fetch_files
 from livehand.backend.tracking.tracker import HandTracker
-from livehand.backend.tracking.weights import fetch_networks, has_networks, load_networks, tracker_folder
+from livehand.backend.tracking.weights import PACKAGE, has_networks, keep_networks, load_networks, tracker_folder
 from PIL import Image
 
 HERE = Path(__file__).parent
@@ -21,7 +22,7 @@ def networks():
         return load_networks()
     if not has_networks(KEPT):
         try:
-            fetch_networks(KEPT)
+            keep_networks(fetch_files(PACKAGE), KEPT)
         except LiveHandError as error:
             pytest.skip(f"the tracker's networks cannot be fetched: {error}")
     return load_networks(KEPT)

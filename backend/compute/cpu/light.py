@@ -28,7 +28,7 @@ from ...light.shadow_maps import PointShadows, ShadowScene
 from ...light.sky_samples import SkySamples
 from ...light.visibility import MAP_PX, ShadowMapPoints
 from ..kernels.brdf import Lobes
-from ..kernels.light import FeatureArrays, LampArrays, PointArrays, SkyArrays, SurfelArrays, bounce
+from ..kernels.light import FeatureArrays, LampArrays, PointArrays, SkyArrays, SurfelArrays, indirect
 from ..kernels.light import ambient_occlusion as fill_ambient_occlusion
 from ..kernels.light import light_features as fill_features
 from ..kernels.nearby import NearArrays, PatchArrays
@@ -78,7 +78,7 @@ def indirect_diffuse(
     """Compute indirect diffuse light, as `light.indirect_diffuse.indirect_diffuse`."""
     arrays = SurfelArrays(*as_arrays(surfels.position.T, surfels.normal.T, surfels.area_m2, emitted.T))
     at, unit, received = as_arrays(position, normal, torch.empty(len(position), 3))
-    in_parallel(lambda first, last: bounce(at, unit, arrays, first, last, received), len(position))
+    in_parallel(lambda first, last: indirect(at, unit, arrays, first, last, received), len(position))
     return torch.as_tensor(received)
 
 

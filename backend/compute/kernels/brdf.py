@@ -1,6 +1,6 @@
 """The specular lobes and how a bump changes them: as `light.brdf`, `light.brdf` and `light.prefiltered_environment`.
 
-Of `light.prefiltered_environment` it has `on_square`, of `PrefilteredEnvironment` `gloss` and `of_even_light`.
+Of `light.prefiltered_environment` it has `on_square`, of `PrefilteredEnvironment` `specular` and `of_even_light`.
 """
 
 from __future__ import annotations
@@ -151,8 +151,8 @@ def of_even_light(sky, to_eye, alpha_squared):
 
 
 @part
-def mirror(sky, normal, view, alpha_squared, gloss):
-    """Add to gloss [3] the light of a whole sky (`MirrorArrays`) in a lobe; returns that of light of 1."""
+def mirror(sky, normal, view, alpha_squared, specular):
+    """Add to specular [3] the light of a whole sky (`MirrorArrays`) in a lobe; returns that of light of 1."""
     along = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
     inverse = _1 / max(np.sqrt(max(_1 - along * along, _0)), _TINY)
     x, y, z = view[0] - along * normal[0], view[1] - along * normal[1], view[2] - along * normal[2]
@@ -164,7 +164,7 @@ def mirror(sky, normal, view, alpha_squared, gloss):
         width = _mixed(sky.lobes, row, below, at, over, half, WIDTH)
         even += share
         dx, dy, dz = ahead * x + up * normal[0], ahead * y + up * normal[1], ahead * z + up * normal[2]
-        _add_around(sky, dx, dy, dz, width, share, gloss)
+        _add_around(sky, dx, dy, dz, width, share, specular)
     return even
 
 

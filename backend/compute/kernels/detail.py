@@ -192,7 +192,7 @@ def _gather(seen, surface, constants, image, start, last, rows, of_pixel):
         image.alpha[at] = coverage
         for k in range(len(coefficients)):
             coefficients[k] *= share
-        _fill_gloss(image.nail[start], coverage, coefficients)
+        _fill_specular(image.nail[start], coverage, coefficients)
         if face >= 0:
             for corner in range(3):
                 vertex, row = surface.faces[face, corner], _CORNER * corner
@@ -212,7 +212,7 @@ def _gather(seen, surface, constants, image, start, last, rows, of_pixel):
 
 
 @part
-def _fill_gloss(nail, coverage, coefficients):
+def _fill_specular(nail, coverage, coefficients):
     """Fill the coefficients of gloss, which is known: the tight lobe's on nails, the broad one's on skin."""
     coefficients[_GLOSS], coefficients[_GLOSS + 1] = nail * coverage, (_1 - nail) * coverage
 
@@ -344,7 +344,7 @@ def _finish(image, constants, rows, index, pixel, values, log_ratio, coverage):
     image.alpha_squared[pixel] = max(squared, _1) * constants.gloss
     nail, coefficients = values[_NAIL] * constants.shade, image.coefficients[pixel]
     image.nail[pixel] = nail
-    _fill_gloss(nail, coverage[image.pixel[pixel]], coefficients)
+    _fill_specular(nail, coverage[image.pixel[pixel]], coefficients)
     folded = (dorsal * values[7] + palmar * values[8]) * constants.shade
     for k in range(3):
         pigment = values[_SLOPES] * constants.shade * constants.pigment_colour[k]

@@ -45,7 +45,7 @@ class RelitImage(NamedTuple):
         alpha_squared: [P].
         view_direction: [P, 3].
         share: [P, 4] of the four low-resolution pixels around each.
-        light: [R, C] features: lamp vectors, sky vectors, the sky's seen shares, gloss of what is near, scattered
+        light: [R, C] features: lamp vectors, sky vectors, the sky's seen shares, near-field specular light, scattered
             light, `arriving` and `reflected`.
         row: [h * w] which ray a low-resolution pixel has, -1 for none.
         width: of the low-resolution image.
@@ -117,7 +117,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
             # An avatar's surface has the second lobe alone on skin, and the first on nails.
             if weights[GLOSS + lobe] > _0 or (nail > _0 if lobe == 0 else nail < _1):
                 even[lobe] = mirror(sky, mirroring, view, squared[lobe], mirrored[lobe])
-        # The first lobe on nails, the second on skin: what gloss reflects does not enter.
+        # The first lobe on nails, the second on skin: what is reflected does not enter.
         of_lobes = even[1] + nail * (even[0] - even[1])
         of_surface = of_even_light(sky, -_dot(surface_normal, view), squared[1])
         if nail > _0:
@@ -150,14 +150,14 @@ def relit_pixels(image, sky, lobes, first, last, out):
             wide = _bumped(blurred, x, y, z, along_blurred, surface_normal)
             flat = max(x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2], _0)
             facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
-            gloss = _0
+            specular = _0
             if facing_mirror > _0:
                 radius_rad = image.lamp_radius_rad[lamp]
                 ggx(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes.squared_index, both)
-                gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
+                specular = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
                 bent = wide + image.sharpness[c] * (sharp - wide)
-                rgb[c] += image.lamp_rgb[lamp, c] * (strength * weights[DIFFUSE + c] * bent * under + gloss)
+                rgb[c] += image.lamp_rgb[lamp, c] * (strength * weights[DIFFUSE + c] * bent * under + specular)
                 relief[c] += image.lamp_rgb[lamp, c] * strength * (bent - flat)
         of_skin = weights[GLOSS] * even[0] + weights[GLOSS + 1] * even[1]
         for c in range(3):

@@ -297,7 +297,7 @@ def _emitted(along, lamps, k):
 
 
 @compiled
-def bounce(position, normal, surfels, first, last, received):
+def indirect(position, normal, surfels, first, last, received):
     """Fill what points [first, last) receive from surfels (`SurfelArrays`)."""
     factors = np.empty(surfels.emitted.shape[1], np.float32)
     for point in range(first, last):

@@ -31,6 +31,11 @@ class Layout(NamedTuple):
     min_side_px: int
     file: str
 
+    @property
+    def name(self) -> str:
+        """Torchvision's name of the network."""
+        return self.file.split("-")[0]
+
 
 class Fire(nn.Module):
     """SqueezeNet's block (Iandola et al. 2016): 1x1 down to `squeeze`, then 1x1 and 3x3 side by side."""
@@ -53,7 +58,7 @@ class Backbone(nn.Module):
     def __init__(self, layout: Layout, weights: dict[str, Tensor]):
         super().__init__()
         self.layers = nn.ModuleList(layout.layers)
-        self.compared, self.min_side_px = layout.compared, layout.min_side_px
+        self.name, self.compared, self.min_side_px = layout.name, layout.compared, layout.min_side_px
         names = self.layers.state_dict().keys()
         self.layers.load_state_dict({name: weights[name].float() for name in names})
         self.requires_grad_(False)
@@ -77,13 +82,22 @@ class Backbone(nn.Module):
         return maps
 
 
+def layout_of_name(name: str) -> Layout:
+    """Return the layout of `vgg16`, `alexnet` or `squeezenet1_1`."""
+    return next(layout for layout in _layouts() if layout.name == name)
+
+
 def layout_of(weights: dict[str, Tensor]) -> Layout | None:
     """Recognise the network of these weights, which have torchvision's names; None if it is none of the three."""
-    for layout in (_vgg16(), _alexnet(), _squeezenet()):
+    for layout in _layouts():
         expected = nn.ModuleList(layout.layers).state_dict()
         if all(name in weights and weights[name].shape == value.shape for name, value in expected.items()):
             return layout
     return None
+
+
+def _layouts() -> tuple[Layout, ...]:
+    return _vgg16(), _alexnet(), _squeezenet()
 
 
 def _vgg16() -> Layout:

@@ -10,7 +10,7 @@ from typing import Any
 from ...hand.model import HandModel
 from ..landmarks.landmark_file import LandmarkFile
 from ..landmarks.picture_camera import PictureCamera
-from ..landmarks.take_file import TakeFile, doubt_of
+from ..landmarks.take_file import TakeFile, warning_of
 from ..mano_basis import find_basis
 from ..motion import HandMotion
 from ..resampling import smoothed
@@ -68,7 +68,7 @@ def motion_and_warning(
     """
     if isinstance(file, TakeFile):
         fit = file.fit(model)
-        return smoothed(fit.motion, options.smooth_frames), doubt_of(fit)
+        return smoothed(fit.motion, options.smooth_frames), warning_of(fit)
     if isinstance(file, LandmarkFile):
         return file.motion(model, options.smooth_frames), file.warning(model)
     basis = find_basis(options.mano_path, model_path)

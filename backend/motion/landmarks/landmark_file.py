@@ -30,7 +30,7 @@ from .tracks import Track, follow_hands
 MEDIAPIPE, WEBXR, PICTURE = "MediaPipe landmarks", "WebXR joints", "MediaPipe picture landmarks"
 _SURE = 0.85  # of a side: the fit's error as a share of the other side's
 _PICTURE_NOTE = (
-    "the landmarks are places in the picture, not metres: record world landmarks, or state the picture's camera"
+    "the landmarks are image coordinates, px, not metres: record world landmarks, or state the picture's camera"
 )
 
 
@@ -119,7 +119,7 @@ class LandmarkFile:
         if self.info.format == PICTURE:
             if self.picture_camera is None:
                 raise LiveHandError(
-                    f"{self.path} must hold world landmarks (metres), got places in the picture; record world "
+                    f"{self.path} must hold world landmarks (metres), got image coordinates, px; record world "
                     "landmarks, or state the picture's size and angle of view"
                 )
             metres = lifted(self.points, self.picture_camera, palm_m(model))

@@ -15,7 +15,7 @@ from .articulation import NaturalPoses
 from .camera_fit import CameraPoses, CameraProblem, FitWeights
 from .lifting import Lifting, mediapipe_lifting
 from .skeleton import HandSkeleton
-from .take_fit import DOUBTFUL, LONGEST_GAP_S, FilmCamera, FilmedHand, motion_of, sighted
+from .take_fit import LONGEST_GAP_S, MOST_FIT_ERROR, FilmCamera, FilmedHand, motion_of, sighted
 
 _STEPS, _FIRST_STEPS = 2, 10
 _FRAMES = 4  # solved together
@@ -28,11 +28,11 @@ class OnlinePose(NamedTuple):
 
     Attributes:
         pose: in the camera's axes (OpenCV's).
-        doubt: as in `TakeFit`.
+        fit_error: as in `TakeFit`.
     """
 
     pose: HandPose
-    doubt: float
+    fit_error: float
 
 
 class _Sighted(NamedTuple):
@@ -79,17 +79,18 @@ class OnlineFit:
         seen = [*self._recent(time_s), _Sighted(time_s, px, world)]
         problem = self._problem(seen)
         poses = self._stepped(problem) if len(seen) > 1 else problem.solve(problem.initial(), _FIRST_STEPS)
-        doubt = float(problem.reprojection(poses)[-1])
-        if doubt > DOUBTFUL and len(seen) > 1:  # it moved in a way that two steps cannot follow, or is no hand
+        fit_error = float(problem.reprojection(poses)[-1])
+        # It moved in a way that two steps cannot follow, or is no hand.
+        if fit_error > MOST_FIT_ERROR and len(seen) > 1:
             seen = seen[-1:]
             problem = self._problem(seen)
             poses = problem.solve(problem.initial(), _FIRST_STEPS)
-            doubt = float(problem.reprojection(poses)[-1])
-        if doubt > DOUBTFUL:
+            fit_error = float(problem.reprojection(poses)[-1])
+        if fit_error > MOST_FIT_ERROR:
             return None
         self._seen, self._poses = seen, poses
         last = CameraPoses(*(part[-1:] for part in poses))
-        return OnlinePose(motion_of(last, self._skeleton, self._beta, self._side).pose(0), doubt)
+        return OnlinePose(motion_of(last, self._skeleton, self._beta, self._side).pose(0), fit_error)
 
     def _recent(self, time_s: float) -> list[_Sighted]:
         """Select the last frames that a frame at this time still belongs to."""

@@ -122,7 +122,7 @@ class TakeFile:
 
     def warning(self, model: HandModel) -> str | None:
         """Word why the take is doubtful; None if it is not."""
-        return doubt_of(self.fit(model))
+        return warning_of(self.fit(model))
 
     @property
     def _hand(self) -> FilmedHand:
@@ -144,7 +144,7 @@ def _unmirrored_hand(hand: FilmedHand, camera: FilmCamera) -> FilmedHand:
     return FilmedHand(hand.frames, hand.px * (-1, 1) + (camera.size_px[0], 0), hand.world * _MIRROR)
 
 
-def doubt_of(fit: TakeFit) -> str | None:
+def warning_of(fit: TakeFit) -> str | None:
     """Word what the user should look at in a fitted take; None if nothing."""
     share = fit.rejected / len(fit.motion)
     return f"the hand was not where it seemed in {100 * share:.0f} % of the frames" if share > _WRONG_SHARE else None
@@ -212,7 +212,7 @@ def _hand(document: Document, side: Side, count: int, camera: FilmCamera) -> Fil
     )
     px = document.array(entries.get(f"{side}_px"), f"{side}_px", (n, 21, 2))
     world = document.array(entries.get(f"{side}_world"), f"{side}_world", (n, 21, 3))
-    _require(bool((np.abs(px) < _MOST_TILT * camera.focal_px).all()), path, f"{side}_px must be places in the picture")
+    _require(bool((np.abs(px) < _MOST_TILT * camera.focal_px).all()), path, f"{side}_px must be image coordinates, px")
     _require(bool((np.abs(world) < _MOST_WORLD_M).all()), path, f"{side}_world must be a hand's, in metres")
     return FilmedHand(frames, px, world)
 

@@ -1,4 +1,4 @@
-"""The motion of one hand in a filmed take: gaps bridged or left open, and a doubt for every frame."""
+"""The motion of one hand in a filmed take: gaps bridged or left open, and a fit error for every frame."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from .skeleton import HandSkeleton
 
 LONGEST_GAP_S = 0.5
 """Without a hand; a longer gap has no keys."""
-DOUBTFUL = 0.06
-"""Doubt above which a frame's landmarks are taken for a mistake."""
+MOST_FIT_ERROR = 0.06
+"""Fit error above which a frame's landmarks are taken for a mistake."""
 _STEPS = 20
 _PALM = (1, 5, 9, 13)
 _SCALES = (0.2, 5.0)
@@ -70,7 +70,7 @@ class TakeFit:
         motion: of F frames at equal steps.
         start_s: time of its first frame.
         is_keyed: [F] whether the frame was seen, or lies in a gap that is short enough to be bridged.
-        doubt: [F] root mean square distance of the hand from the landmarks in the picture, as a share of its size;
+        fit_error: [F] root mean square distance of the hand from the landmarks in the picture, as a share of its size;
             1 where nothing was seen.
         rejected: frames of the film whose landmarks were taken for mistakes.
     """
@@ -78,7 +78,7 @@ class TakeFit:
     motion: HandMotion
     start_s: float
     is_keyed: np.ndarray
-    doubt: np.ndarray
+    fit_error: np.ndarray
     rejected: int
 
 
@@ -114,9 +114,9 @@ def fit_take(
     problem = CameraProblem(seen, skeleton, skeleton.offsets(beta), NaturalPoses.of_library(), weights or FitWeights())
     parts = [_fitted(_cut(problem, frames)) for frames in _segments(seen)]
     poses = CameraPoses(*(np.concatenate(column) for column in zip(*(part[0] for part in parts), strict=True)))
-    doubt, rejected = np.concatenate([part[1] for part in parts]), sum(part[2] for part in parts)
+    fit_error, rejected = np.concatenate([part[1] for part in parts]), sum(part[2] for part in parts)
     frames = np.concatenate([np.arange(segment.start, segment.stop) for segment in _segments(seen)])
-    return _at_equal_steps(motion_of(poses, skeleton, beta, side, fps), doubt, seen.times[frames], rejected)
+    return _at_equal_steps(motion_of(poses, skeleton, beta, side, fps), fit_error, seen.times[frames], rejected)
 
 
 def motion_of(
@@ -179,19 +179,19 @@ def _cut(problem: CameraProblem, frames: slice) -> CameraProblem:
 
 
 def _fitted(problem: CameraProblem) -> tuple[CameraPoses, np.ndarray, int]:
-    """Fit poses, doubt [T], number of rejected frames: mistakes of the tracker become gaps and all is fitted again."""
+    """Fit poses, fit errors [T], number of rejected frames: the tracker's mistakes become gaps; all is fitted again."""
     poses = problem.solve(problem.initial(), _STEPS)
-    doubt = problem.reprojection(poses)
-    is_wrong = doubt > DOUBTFUL
+    fit_error = problem.reprojection(poses)
+    is_wrong = fit_error > MOST_FIT_ERROR
     if is_wrong.any() and not (is_wrong | ~problem.sighting.is_seen).all():
         seen = replace(problem.sighting, is_seen=problem.sighting.is_seen & ~is_wrong)
         better = replace(problem, sighting=seen)
         poses = better.solve(better.initial(), _STEPS)
-        doubt = problem.reprojection(poses)
-    return poses, np.where(np.isnan(doubt), 1.0, np.minimum(doubt, 1.0)), int(is_wrong.sum())
+        fit_error = problem.reprojection(poses)
+    return poses, np.where(np.isnan(fit_error), 1.0, np.minimum(fit_error, 1.0)), int(is_wrong.sum())
 
 
-def _at_equal_steps(motion: HandMotion, doubt: np.ndarray, times: np.ndarray, rejected: int) -> TakeFit:
+def _at_equal_steps(motion: HandMotion, fit_error: np.ndarray, times: np.ndarray, rejected: int) -> TakeFit:
     assert motion.fps is not None
     count = round(float(times[-1] - times[0]) * motion.fps) + 1
     wanted = times[0] + np.arange(count) / motion.fps
@@ -200,4 +200,4 @@ def _at_equal_steps(motion: HandMotion, doubt: np.ndarray, times: np.ndarray, re
     nearest = np.where(np.abs(times[left] - wanted) < np.abs(times[right] - wanted), left, right)
     is_keyed = (times[right] - times[left] <= LONGEST_GAP_S) | (np.abs(times[nearest] - wanted) < 0.5 / motion.fps)
     moved = sampled_at(motion, wanted, times)
-    return TakeFit(moved, float(times[0]), is_keyed, np.where(is_keyed, doubt[nearest], 1.0), rejected)
+    return TakeFit(moved, float(times[0]), is_keyed, np.where(is_keyed, fit_error[nearest], 1.0), rejected)

@@ -8,6 +8,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...evaluation.lpips_options import add_lpips_arguments, lpips_names, lpips_note, lpips_of
 from ...system.command import Command, FailedInPart, parse_count, parse_size_px, say
 from ...system.options import number_parser
 
@@ -51,7 +52,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--speed-frames", type=parse_count, default=12, metavar="N", help="timed frames (default: %(default)s)")
     add("--perceptual-weights", type=Path, metavar="FILE", help="VGG19, for the loss and the figures, as in training")
     add("--without-perceptual", action="store_true", help="train and measure without VGG19; some rows stay empty")
-    add("--lpips-weights", type=Path, nargs=2, metavar=("NETWORK", "HEADS"), help="as in livehand evaluate")
+    add_lpips_arguments(parser)
     add("--fid-weights", type=Path, metavar="FILE", help="Inception's weights, for FID and KID")
     add(
         "--method",
@@ -129,13 +130,12 @@ def _machine_and_measures(args: argparse.Namespace) -> tuple[FittingMachine, Mea
 
     device = torch_device(args.device)
     vgg19 = None if args.without_perceptual else load_vgg_distance(args.perceptual_weights).to(device)
-    lpips = tuple(args.lpips_weights) if args.lpips_weights else None
-    files = [args.perceptual_weights or (None if vgg19 is None else Path("vgg19-dcbb9e9d.pth"))]
-    files += [*(args.lpips_weights or ()), args.fid_weights]
-    names = [file.name for file in files if file is not None]
+    of_loss = args.perceptual_weights or (None if vgg19 is None else Path("vgg19-dcbb9e9d.pth"))
+    names = [*([of_loss.name] if of_loss else []), *lpips_names(args)]
+    names += [args.fid_weights.name] if args.fid_weights else []
     compute = ComputeSetup(device, args.precision)
     machine = FittingMachine(compute, vgg19, args.seed, args.inference_only)
-    return machine, Measures.of(vgg19, lpips, args.fid_weights, device, names)
+    return machine, Measures.of(vgg19, lpips_of(args, device), args.fid_weights, device, names)
 
 
 def _plan(
@@ -149,6 +149,8 @@ def _plan(
     gpu = f", {known['gpu']}" if known["gpu"] else ""
     named = f"{known['cpu']}, {known['threads']} of {known['cores']} cores{gpu}"
     facts = ("machine", named), ("torch", str(known["torch"])), ("samples a ray", str(args.samples))
+    if note := lpips_note(args):
+        facts = *facts, ("not measured", note)
     speed = SpeedPlan(args.speed_size, args.speed_frames)
     splits, redo = tuple(args.split), tuple(args.redo)
     return ComparisonPlan(tuple(rows), wanted, budget, splits, args.max_images, speed, redo, facts)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from ...capture.capture import Capture, CaptureView, Split
-from ...evaluation.distances import Distance, lpips_distances
+from ...evaluation.distances import Distance
 from ...evaluation.evaluate import ViewScore, check_any, scored_views, spaced_views
 from ...evaluation.perceptual.vgg import PerceptualLoss
 from ...evaluation.report import Summary, by_split
@@ -54,7 +54,7 @@ class Measures:
     def of(
         cls,
         vgg19: PerceptualLoss | None,
-        lpips_weights: tuple[Path, Path] | None,
+        lpips: Sequence[Distance],
         fid_weights: Path | None,
         device: torch.device,
         names: Sequence[str] = (),
@@ -64,13 +64,11 @@ class Measures:
         Raises:
             LiveHandError: a file is missing or of another network.
         """
-        distances: list[Distance] = []
+        distances = list(lpips)
         networks: list[FeatureNetwork] = []
         if vgg19 is not None:
-            distances.append(Distance("vgg19", vgg19, device))
+            distances.insert(0, Distance("vgg19", vgg19, device))
             networks.append(HandVggFeatures(vgg19))
-        if lpips_weights is not None:
-            distances += lpips_distances(*lpips_weights, device)
         if fid_weights is not None:
             networks.append(WholeInceptionFeatures(load_inception(fid_weights).to(device)))
         return cls(tuple(distances), tuple(networks), tuple(names))

@@ -51,14 +51,14 @@ class FilmedCapture:
         capture: with its masks.
         overlap: mean intersection over union of the masks and the posed mesh.
         frames: [N] of the film, one an image.
-        doubt: [N] of the fit in them.
+        fit_error: [N] of the fit in them.
         covered: share of the hand's skin that they show.
     """
 
     capture: Capture
     overlap: float
     frames: np.ndarray
-    doubt: np.ndarray
+    fit_error: np.ndarray
     covered: float
 
 
@@ -124,13 +124,15 @@ def write_filmed_capture(
     views = tuple(each.view for each in masked)
     overlap = float(np.mean([each.overlap for each in masked]))
     covered = covered_share(poses, [camera] * len(poses), right)
-    return FilmedCapture(replace(capture, folder=folder, views=views), overlap, chosen.frames, chosen.doubt, covered)
+    return FilmedCapture(
+        replace(capture, folder=folder, views=views), overlap, chosen.frames, chosen.fit_error, covered
+    )
 
 
 def _chosen(seen: HandFrames, blurs: np.ndarray, right: HandModel, camera: Camera) -> HandFrames:
     """Choose the frames of the capture; where they are too few, the error says how much skin all of them show."""
     try:
-        return seen.of(chosen_frames(seen.motion, seen.doubt, blurs))
+        return seen.of(chosen_frames(seen.motion, seen.fit_error, blurs))
     except LiveHandError as error:
         some = range(0, len(seen.frames), max(1, len(seen.frames) // _SAMPLES))
         share = covered_share([seen.motion.pose(index) for index in some], [camera] * len(some), right)
@@ -191,7 +193,7 @@ def _provenance(source: str, take: FilmedTake, side: Side, chosen: HandFrames) -
         "focal_px": take.camera.focal_px,
         "plan": {"person": {"beta": chosen.motion.betas[0].tolist()}},
         "frames": chosen.frames.tolist(),
-        "doubt": [round(float(value), 5) for value in chosen.doubt],
+        "doubt": [round(float(value), 5) for value in chosen.fit_error],
     }
 
 

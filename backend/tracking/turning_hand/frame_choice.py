@@ -1,4 +1,4 @@
-"""Which frames of a film of a turning hand become a capture: sharp, little doubted, and spread over its poses."""
+"""Which frames of a film of a turning hand become a capture: sharp, well fitted, and spread over its poses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ...motion.motion import HandMotion
 from ...records.errors import LiveHandError
 
 MOST_CHOSEN, LEAST_CHOSEN = 120, 20
-_KEPT_SHARE = 0.8  # of the frames, by doubt and blur
+_KEPT_SHARE = 0.8  # of the frames, by fit error and blur
 _LEAST_APART_RAD = np.deg2rad(2.5)
 _MOST_APART_RAD = 2.0
 _HALVINGS = 20
@@ -19,13 +19,13 @@ _HELD_OUT_AT, _HELD_OUT_SHARE = (0.25, 0.75), 0.1  # middles of the stretches; t
 
 
 def chosen_frames(
-    motion: HandMotion, doubt: np.ndarray, blur: np.ndarray, least: int = LEAST_CHOSEN, most: int = MOST_CHOSEN
+    motion: HandMotion, fit_error: np.ndarray, blur: np.ndarray, least: int = LEAST_CHOSEN, most: int = MOST_CHOSEN
 ) -> np.ndarray:
     """Choose frames that lie apart in pose, as increasing indices; of those that lie together, the best.
 
     Args:
         motion: of the T frames.
-        doubt: [T] of the fit.
+        fit_error: [T] of the fit.
         blur: [T] of the picture, as `blur_of` has it.
         least: number of them.
         most: number of them.
@@ -33,7 +33,7 @@ def chosen_frames(
     Raises:
         LiveHandError: there are too few.
     """
-    badness = doubt / max(float(np.median(doubt)), 1e-9) + blur / max(float(np.median(blur)), 1e-9)
+    badness = fit_error / max(float(np.median(fit_error)), 1e-9) + blur / max(float(np.median(blur)), 1e-9)
     best = np.argsort(badness, kind="stable")[: max(1, round(_KEPT_SHARE * len(motion)))]
     points = _points(motion)[best]
     kept = _apart(points, _LEAST_APART_RAD)

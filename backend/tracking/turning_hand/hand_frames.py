@@ -12,7 +12,7 @@ import numpy as np
 
 from ...hand.model import HandModel
 from ...motion.landmarks.take_file import FilmedTake
-from ...motion.landmarks.take_fit import DOUBTFUL, TakeFit
+from ...motion.landmarks.take_fit import MOST_FIT_ERROR, TakeFit
 from ...motion.motion import HandMotion, mirrored
 from ...motion.resampling import sampled_at
 from ...motion.spaces import rest_wrists, to_blender, transformed
@@ -28,24 +28,24 @@ _LEAST_INSIDE = 0.95  # of the landmarks, in the picture
 
 @dataclass(frozen=True)
 class HandFrames:
-    """Frames of the film in which the hand is seen whole, without much doubt, as a right hand's.
+    """Frames of the film in which the hand is seen whole, with a small fit error, as a right hand's.
 
     Attributes:
         frames: [N] increasing indices.
         motion: of N poses, in the capture's world.
-        doubt: [N].
+        fit_error: [N].
         px: [N, 21, 2] landmarks in the picture.
     """
 
     frames: np.ndarray
     motion: HandMotion
-    doubt: np.ndarray
+    fit_error: np.ndarray
     px: np.ndarray
 
     def of(self, indices: np.ndarray) -> HandFrames:
         """Select some of the frames."""
         motion = replace(self.motion, theta=self.motion.theta[indices], transl=self.motion.transl[indices])
-        return HandFrames(self.frames[indices], motion, self.doubt[indices], self.px[indices])
+        return HandFrames(self.frames[indices], motion, self.fit_error[indices], self.px[indices])
 
 
 def film_camera(take: FilmedTake) -> Camera:
@@ -66,17 +66,17 @@ def hand_frames(take: FilmedTake, side: Side, fit: TakeFit, right: HandModel) ->
     at = (times - fit.start_s) * (fit.motion.fps or take.fps)
     nearest = np.clip(np.round(at).astype(int), 0, len(fit.motion) - 1)
     inside = ((hand.px >= 0) & (hand.px < take.camera.size_px)).all(-1).mean(1)
-    doubt = fit.doubt[nearest]
-    is_sure = fit.is_keyed[nearest] & (doubt < DOUBTFUL) & (inside >= _LEAST_INSIDE)
+    fit_error = fit.fit_error[nearest]
+    is_sure = fit.is_keyed[nearest] & (fit_error < MOST_FIT_ERROR) & (inside >= _LEAST_INSIDE)
     if not is_sure.any():
         raise LiveHandError(
-            f"a capture needs a hand that is seen whole, got none of {len(times)} frames with little doubt; "
+            f"a capture needs a hand that is seen whole, got none of {len(times)} frames with a small fit error; "
             "film the whole hand, larger and in light"
         )
     motion = sampled_at(fit.motion, at[is_sure])
     motion = motion if side == "right" else mirrored(motion)
     motion = transformed(motion, to_blender("opencv"), rest_wrists(right, motion.beta))
-    return HandFrames(hand.frames[is_sure], motion, doubt[is_sure], hand.px[is_sure])
+    return HandFrames(hand.frames[is_sure], motion, fit_error[is_sure], hand.px[is_sure])
 
 
 def frames_of(play: Frames, frames: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:

@@ -38,7 +38,7 @@ def square(value, alpha=1.0):
 
 
 def test_shots_stand_where_the_film_saw_the_hand(shots):
-    """Through either camera, in either world, the vertices have the same places in the picture."""
+    """Through either camera, in either world, the vertices have the same image coordinates."""
     shot, motion = shots.shot(0), shots.fit.motion
     here, _ = shot.camera.project(shot.vertices)
     there, _ = Camera(shot.camera.K, np.eye(4), FILM.size_px).project(posed_vertices(HAND, motion.pose(0)))

@@ -68,7 +68,7 @@ def test_true_landmarks_give_the_pose_back(made, seen):
         fit = fitted(seen(points), np.arange(30) / 30)
         errors.append(angles_deg(fit.motion, truth)[:, 1:])
         wrists.append(angles_deg(fit.motion, truth)[:, 0])
-        assert fit.doubt.max() < 0.02
+        assert fit.fit_error.max() < 0.02
         assert fit.rejected == 0
     assert np.mean(errors) < 3.0
     assert np.mean(wrists) < 2.5
@@ -89,7 +89,7 @@ def test_short_gaps_are_bridged_and_long_ones_left_open(made, seen):
     fit = fitted(seen(points, frames), np.arange(90) / 30)
     assert len(fit.motion) == 90
     assert fit.is_keyed.tolist() == [frame < 45 or frame >= 70 for frame in range(90)]
-    assert (fit.doubt[20:30] == 1).all()
+    assert (fit.fit_error[20:30] == 1).all()
     bridged = angles_deg(fit.motion, truth)[20:30]
     assert bridged[:, 0].mean() < 12
     np.testing.assert_allclose(fit.motion.transl[20:30], truth.transl[20:30], atol=0.03)
@@ -119,7 +119,7 @@ def test_a_tracker_that_was_wrong_for_some_frames_is_not_believed(made, seen):
     hand.px[15:18] = hand.px[15:18][:, ::-1]
     fit = fitted(hand, np.arange(40) / 30)
     assert fit.rejected >= 3
-    assert (fit.doubt[15:18] > 0.06).all()
+    assert (fit.fit_error[15:18] > 0.06).all()
     assert angles_deg(fit.motion, truth)[15:18, 0].max() < 8
 
 

@@ -169,7 +169,7 @@ def test_picture_landmarks_are_refused_without_a_camera(tmp_path):
         assert "not metres" in " ".join(file.info.notes)
         with pytest.raises(LiveHandError, match=r"must hold world landmarks .*state the picture's size"):
             file.motion(HAND)
-        with pytest.raises(LiveHandError, match="places in the picture"):
+        with pytest.raises(LiveHandError, match="image coordinates, px"):
             file.with_changes(unit="cm").fit(HAND)
 
 

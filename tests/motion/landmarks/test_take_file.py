@@ -85,7 +85,7 @@ def test_its_axes_and_unit_are_fixed(take):
         ({"right_frames": np.arange(1, 13)}, "right_frames must increase"),
         ({"right_frames": np.zeros(12, int)}, "right_frames must increase"),
         ({"right_px": np.zeros((12, 20, 2))}, "right_px must be"),
-        ({"right_px": np.full((12, 21, 2), 1e9)}, "must be places in the picture"),
+        ({"right_px": np.full((12, 21, 2), 1e9)}, "must be image coordinates, px"),
         ({"right_world": np.full((12, 21, 3), np.inf)}, "must be finite"),
         ({"right_world": np.full((12, 21, 3), 1e200)}, "right_world must be a hand's"),
         ({"times": np.arange(12) * 1e-300}, "times must increase"),

@@ -45,12 +45,14 @@ def made(hand):
     return unresolved_slopes(hand, detailed_surface(hand, levels=3), 1024)
 
 
+@pytest.mark.nightly
 def test_those_that_ship_are_the_generators(hand, made):
     shipped = load_surface_detail(hand.sha256).unresolved
     assert shipped.shape == made.shape
     assert np.abs(shipped - made.clip(-1.27, 1.27)).max() < 0.0051
 
 
+@pytest.mark.nightly
 def test_nails_and_creases_alone_need_them(hand, made):
     """Half of the skin needs less than a quarter of a degree; half of nails and their rims more than 1.7."""
     steep = np.abs(made).max(0)

@@ -112,10 +112,10 @@ def test_a_left_hand_is_mirrored(turning, hand, tmp_path):
     np.testing.assert_array_equal(capture.read_pixels(view)[..., :3], shown)
 
 
-def test_doubted_and_unseen_frames_are_left_out(film, tmp_path):
-    doubt, is_keyed = film.fit.doubt.copy(), film.fit.is_keyed.copy()
-    doubt[5:10], is_keyed[20:25] = 0.2, False
-    frames = set(written(film, tmp_path / "capture", doubt=doubt, is_keyed=is_keyed).frames.tolist())
+def test_ill_fitted_and_unseen_frames_are_left_out(film, tmp_path):
+    fit_error, is_keyed = film.fit.fit_error.copy(), film.fit.is_keyed.copy()
+    fit_error[5:10], is_keyed[20:25] = 0.2, False
+    frames = set(written(film, tmp_path / "capture", fit_error=fit_error, is_keyed=is_keyed).frames.tolist())
     assert not frames & {*range(5, 10), *range(20, 25)}
 
 
@@ -136,7 +136,7 @@ def test_a_folder_that_is_not_empty_is_left_as_it_is(film, tmp_path):
 
 def test_a_hand_that_is_never_seen_whole_is_an_error(film, tmp_path):
     with pytest.raises(LiveHandError, match="a hand that is seen whole, got none of 40 frames"):
-        written(film, tmp_path / "capture", doubt=np.full(40, 0.3))
+        written(film, tmp_path / "capture", fit_error=np.full(40, 0.3))
     assert list(tmp_path.iterdir()) == []
 
 

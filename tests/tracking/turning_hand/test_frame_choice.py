@@ -1,4 +1,4 @@
-"""Frames are chosen sharp, little doubted and spread over the turn; two stretches of it are held out."""
+"""Frames are chosen sharp, well fitted and spread over the turn; two stretches of it are held out."""
 
 from dataclasses import replace
 
@@ -44,10 +44,10 @@ def test_there_are_at_most_so_many():
     assert (np.diff(chosen) > 0).all()
 
 
-@pytest.mark.parametrize("which", ["doubt", "blur"])
+@pytest.mark.parametrize("which", ["fit_error", "blur"])
 def test_of_frames_of_one_pose_the_best_is_chosen(which):
     degrees = np.repeat(np.arange(0, 170, 5.0), 4)
-    values = {name: np.full(len(degrees), 0.02) for name in ("doubt", "blur")}
+    values = {name: np.full(len(degrees), 0.02) for name in ("fit_error", "blur")}
     values[which][2::4] = 0.01
     chosen = chosen_frames(turn(degrees), **values)
     assert len(chosen) >= 25

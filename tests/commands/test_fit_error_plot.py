@@ -1,17 +1,17 @@
-"""The plot of a take's doubt: its curves and shades by value."""
+"""The plot of a take's fit errors: its curves and shades by value."""
 
 import numpy as np
 import pytest
-from livehand.backend.commands.track import draw_doubt
+from livehand.backend.commands.track import draw_fit_error
 from livehand.backend.motion.landmarks.take_fit import TakeFit
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.system.figure import new_figure, save_figure
 
 
-def fit_of(doubt, is_keyed, start_s):
-    count = len(doubt)
+def fit_of(fit_error, is_keyed, start_s):
+    count = len(fit_error)
     motion = HandMotion(np.zeros((count, 16, 3)), np.zeros(10), np.zeros((count, 3)), 10.0)
-    return TakeFit(motion, start_s, np.array(is_keyed, bool), np.array(doubt), 0)
+    return TakeFit(motion, start_s, np.array(is_keyed, bool), np.array(fit_error), 0)
 
 
 def test_a_panel_a_hand_with_its_gaps(tmp_path):
@@ -21,7 +21,7 @@ def test_a_panel_a_hand_with_its_gaps(tmp_path):
         "left": fit_of([0.03, 0.03], [1, 1], 0.0),
     }
     figure = new_figure(9.0, 5.0)
-    draw_doubt(figure, fits)
+    draw_fit_error(figure, fits)
     right, left = figure.axes
     np.testing.assert_allclose(right.lines[0].get_xdata(), [0.5, 0.6, 0.7, 0.8, 0.9])
     np.testing.assert_allclose(right.lines[0].get_ydata(), [1, 2, np.nan, np.nan, 5])
@@ -31,5 +31,5 @@ def test_a_panel_a_hand_with_its_gaps(tmp_path):
     )
     assert not left.patches
     assert (right.get_title(), left.get_title()) == ("right hand", "left hand")
-    save_figure(figure, tmp_path / "doubt.png")
-    assert (tmp_path / "doubt.png").stat().st_size > 5000
+    save_figure(figure, tmp_path / "fit_error.png")
+    assert (tmp_path / "fit_error.png").stat().st_size > 5000
