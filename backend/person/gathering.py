@@ -16,10 +16,10 @@ import numpy as np
 
 from ..capture.masks.mask import load_opencv
 from ..geometry.tolerances import NEAR_M
+from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from .atlas import AtlasTexels
 from .flow import bilinear, flow_between, nearest
-from .hand_picture import HAND, UNKNOWN, HandPicture
-from .illumination import Illumination
+from .illumination import Illumination, encoded_colours, linear_colours
 from .model import GeometryMaps, PersonModel
 
 _LEAST_FACING = 0.25
@@ -147,14 +147,14 @@ def _sighting(
     frame = model.rendered(picture.pose, picture.camera, light.light)
     seen = model.seen(picture.pose, picture.camera)
     encoded = picture.rgb.astype(np.float32) / 255
-    shown = picture.linear
+    shown = linear_colours(picture)
     rendered = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)
     place = _ProjectedTexels.of(texels, seen, picture, usual_px_per_mm)
     flow_px = np.zeros((*shown.shape[:2], 2), np.float32)
     error_px = np.zeros(shown.shape[:2], np.float32)
     if with_flow:
         tinted = rendered * light.tint.astype(np.float32)
-        flow_px, error_px = _flow(picture.encoded(tinted), frame.alpha, encoded, picture.labels)
+        flow_px, error_px = _flow(encoded_colours(picture, tinted), frame.alpha, encoded, picture.labels)
     moved = place.px + bilinear(flow_px, place.px)
     usable, is_clipped = _usable(encoded, picture.labels)
     weight = place.weight * (bilinear(usable, moved) > 0.95)

@@ -14,8 +14,9 @@ from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
 from ..capture.masks.mask import load_opencv
+from ..capture.picture import linear_to_srgb, srgb_to_linear
+from ..records.hand_picture import HAND, HandPicture
 from ..records.light import Light, Sky, sky_directions
-from .hand_picture import HAND, HandPicture
 from .model import PersonModel
 
 _SKY_SIZE = 16, 32
@@ -27,6 +28,17 @@ _MOST_PIXELS = 6000  # of one picture
 _OUTLIER = 0.15  # relative error at which a pixel counts half
 _RIDGE = 1e-2
 _ROUNDS, _REWEIGHTED = 6, 2
+
+
+def linear_colours(picture: HandPicture) -> np.ndarray:
+    """Return [H, W, 3] float32, scene-linear, in the exposure that all pictures of the scene share."""
+    gain = np.exp(np.array(picture.log_gain, np.float32))
+    return srgb_to_linear(picture.rgb.astype(np.float32) / 255) / gain
+
+
+def encoded_colours(picture: HandPicture, linear: np.ndarray) -> np.ndarray:
+    """Encode linear colours [..., 3] as this picture's camera would."""
+    return linear_to_srgb((linear * np.exp(np.array(picture.log_gain))).clip(0, 1).astype(np.float32))
 
 
 @dataclass(frozen=True)
@@ -129,7 +141,7 @@ def _made_small(picture: HandPicture, size_px: tuple[int, int]) -> tuple[np.ndar
     """Return a picture of this size, linear, and where it surely shows the hand, not clipped."""
     cv2 = load_opencv()
     encoded = cv2.resize(picture.rgb, size_px, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
-    linear = cv2.resize(picture.linear, size_px, interpolation=cv2.INTER_AREA)
+    linear = cv2.resize(linear_colours(picture), size_px, interpolation=cv2.INTER_AREA)
     is_hand = cv2.resize((picture.labels == HAND).astype(np.float32), size_px, interpolation=cv2.INTER_AREA) > 0.9
     return linear, _eroded(is_hand) & (encoded.max(-1) < _BRIGHTEST)
 

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from ..records.hand_picture import HandPicture, PicturedHand
 from ..surface.albedo_ratio import ratio_steps
 from .atlas import AtlasTexels
 from .completion import CompletedRatio, completed_ratio
 from .gathering import GatheredRatio, gathered_ratio
-from .hand_picture import HandPicture, PicturedHand
 from .illumination import Illumination, LitPixels, fitted_light, lit_pixels
 from .model import PersonModel
 from .numbers import ToneFamily

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..capture.masks.mask import load_opencv
 from ..records.camera import Camera
-from .hand_picture import HAND, UNKNOWN
+from ..records.hand_picture import HAND, UNKNOWN
 
 _WRIST, _MIDDLE_KNUCKLE, _INDEX_KNUCKLE, _PINKY_KNUCKLE = 0, 9, 5, 17
 _PALM = (0, 1, 5, 9, 13, 17)

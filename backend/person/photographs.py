@@ -19,13 +19,13 @@ from ..motion.landmarks.take_fit import FilmCamera, FilmedHand
 from ..motion.spaces import to_blender
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
+from ..records.hand_picture import HandPicture, PicturedHand
 from ..records.side import SIDES, Side
 from ..tracking.turning_hand.coverage import covered_share
 from ..tracking.turning_hand.hand_frames import hand_frames
 from ..tracking.turning_hand.take_shape import fit_with_shape
 from ..tracking.turning_hand.window import camera_of, image_of, window_around
 from .film import LONGEST_PX, Progress, check_one_person, is_held_out, unseen_note
-from .hand_picture import HandPicture, PicturedHand
 from .other_hands import in_window
 from .skin_masks import labelled
 

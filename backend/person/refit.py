@@ -19,11 +19,11 @@ from torch import Tensor
 from ..capture.masks.mask import load_opencv
 from ..hand.lbs import SkinTensors, pose_hand, posed_vertices
 from ..records.camera import Camera
+from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..records.shot import HandPose
 from ..system.thread_limits import thread_limit
 from .flow import bilinear, flow_between, nearest
-from .hand_picture import HAND, UNKNOWN, HandPicture
-from .illumination import Illumination
+from .illumination import Illumination, encoded_colours
 from .model import GeometryMaps, PersonModel
 
 _ALONG_PX = 2.0  # of the outline: vertices so near to it belong to it
@@ -153,7 +153,7 @@ def pose_targets(model: PersonModel, picture: HandPicture, light: Illumination) 
     px, depth = picture.camera.project(vertices)
     rendered = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3) * light.tint
     is_known, is_hand = (picture.labels != UNKNOWN), picture.labels == HAND
-    ours = _grey(picture.encoded(rendered), (seen.is_seen & is_known).astype(np.float32))
+    ours = _grey(encoded_colours(picture, rendered), (seen.is_seen & is_known).astype(np.float32))
     theirs = _grey(picture.rgb.astype(np.float32) / 255, is_hand.astype(np.float32))
     flow = flow_between(ours, theirs, 1.5)
     visible = _visible_vertices(seen, px, depth)

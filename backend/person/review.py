@@ -11,10 +11,10 @@ from PIL import Image, ImageDraw
 
 from ..capture.masks.mask import load_opencv
 from ..capture.picture import linear_to_srgb, srgb_to_linear
+from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..records.light import Light
 from .flow import flow_between
-from .hand_picture import HAND, UNKNOWN, HandPicture
-from .illumination import Illumination
+from .illumination import Illumination, encoded_colours
 from .making import MadePerson
 from .model import PersonModel
 
@@ -100,7 +100,7 @@ def _pair(made: MadePerson, picture: HandPicture, lights: Mapping[int, Illuminat
     light = lights[picture.scene]
     frame = made.model.rendered(picture.pose, picture.camera, Light(sky=light.light.sky))
     straight = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3) * light.tint
-    ours = picture.encoded(straight)
+    ours = encoded_colours(picture, straight)
     blended = ours * frame.alpha[..., None] + (picture.rgb / 255) * (1 - frame.alpha[..., None])
     return [_scaled(picture.rgb), _scaled((255 * blended).clip(0, 255).astype(np.uint8))]
 

@@ -19,8 +19,8 @@ from ..hand.lbs import posed_arrays
 from ..hand.model import HandModel
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
+from ..records.hand_picture import BACKGROUND, HAND, UNKNOWN
 from ..records.shot import HandPose
-from .hand_picture import BACKGROUND, HAND, UNKNOWN
 from .other_hands import with_others_unknown
 
 MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0)

@@ -11,8 +11,8 @@ from ..capture.capture import Capture, CaptureView, load_capture
 from ..capture.picture import linear_to_srgb, straight
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError
+from ..records.hand_picture import BACKGROUND, HAND, UNKNOWN, HandPicture, PicturedHand
 from ..records.side import Side
-from .hand_picture import BACKGROUND, HAND, UNKNOWN, HandPicture, PicturedHand
 from .rig.calibration import has_cameras
 from .rig.pictures_of_rig import pictures_of_rig
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from livehand.backend.person.film import is_held_out, pictures_of_film, unseen_note
-from livehand.backend.person.hand_picture import HAND, UNKNOWN
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.hand_picture import HAND, UNKNOWN
 
 pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.backend.person.other_hands import in_window, with_others_unknown
 from livehand.backend.records.camera import Camera
+from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
 
 pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.person.hand_picture import HAND
 from livehand.backend.person.photographs import pictures_of_photographs, read_photograph, read_photographs
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.hand_picture import HAND
 from livehand.backend.tracking.tracked_hand import TrackedHand
 from PIL import ExifTags, Image
 

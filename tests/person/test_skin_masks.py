@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.backend.person.skin_masks import labelled, skin_colours
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.tests.person.conftest import GLOVE, SKIN
 
 pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")

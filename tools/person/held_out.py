@@ -17,10 +17,10 @@ from scipy.optimize import least_squares
 
 from ...backend.capture.picture import linear_to_srgb
 from ...backend.person.flow import flow_between
-from ...backend.person.hand_picture import HAND, UNKNOWN, HandPicture
 from ...backend.person.illumination import Illumination
 from ...backend.person.model import PersonModel
 from ...backend.records.camera import Camera
+from ...backend.records.hand_picture import HAND, UNKNOWN, HandPicture
 
 _INNER_PX = 3
 _CLIPPED = 0.97

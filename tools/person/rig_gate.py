@@ -17,11 +17,11 @@ from PIL import Image
 
 from ...backend.evaluation.perceptual.lpips import load_lpips
 from ...backend.hand.model_file import load_default_hand
-from ...backend.person.hand_picture import PicturedHand
 from ...backend.person.making import MakingOptions, made_person
 from ...backend.person.model import PersonModel
 from ...backend.person.person_avatar import shipped_bases
 from ...backend.person.rig.pictures_of_rig import pictures_of_rig
+from ...backend.records.hand_picture import PicturedHand
 from ...backend.records.side import Side
 from .held_out import Distance, HeldOutFigures, measured
 

@@ -15,9 +15,9 @@ from ...hand.model import HandModel
 from ...hand.model_file import load_default_hand
 from ...records.camera import Camera
 from ...records.errors import LiveHandError
+from ...records.hand_picture import HAND, HandPicture, PicturedHand
 from ...records.side import Side
 from ...tracking.weights import TrackerNetworks, load_networks
-from ..hand_picture import HAND, HandPicture, PicturedHand
 from .calibration import LEAST_VIEWS, RigView, read_rig
 from .rig_fit import FittedRig, Say, fitted_rig
 from .view_masks import LABEL_OF, hand_labels

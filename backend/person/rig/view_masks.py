@@ -15,8 +15,8 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 
 from ...capture.masks.mask import load_opencv
 from ...records.camera import Camera
+from ...records.hand_picture import BACKGROUND, HAND, UNKNOWN
 from ...records.side import Side
-from ..hand_picture import BACKGROUND, HAND, UNKNOWN
 from .outlines import CoveredPixels, covered_pixels
 from .rig_hands import RigHands
 

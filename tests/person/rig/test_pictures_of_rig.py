@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.person.hand_picture import HAND, UNKNOWN
 from livehand.backend.person.rig import pictures_of_rig as room
 from livehand.backend.person.rig.pictures_of_rig import mirrored_camera, pictured_hands, pictures_of_rig
 from livehand.backend.person.rig.rig_fit import FittedRig
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.hand_picture import HAND, UNKNOWN
 
 
 @pytest.fixture(scope="module")

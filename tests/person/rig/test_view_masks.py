@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from livehand.backend.hand.lbs import posed_arrays
-from livehand.backend.person.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.backend.person.rig.view_masks import (
     ARM,
     FREE,
@@ -15,6 +14,7 @@ from livehand.backend.person.rig.view_masks import (
     skin_likelihood,
     view_labels,
 )
+from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.backend.records.shot import HandPose
 
 SCALE = 0.85  # px in a millimetre

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.hand_picture import BACKGROUND, HAND, UNKNOWN, HandPicture
 from livehand.backend.records.camera import Camera
+from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN, HandPicture
 from livehand.backend.records.shot import HandPose
 from livehand.tools.person.held_out import best_gains, compared, psnr_db
 

@@ -10,11 +10,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..capture.picture import linear_to_srgb, srgb_to_linear
-from ..records.camera import Camera
-from ..records.errors import LiveHandError
-from ..records.shot import HandPose
-from ..records.side import Side
+from .camera import Camera
+from .errors import LiveHandError
+from .shot import HandPose
+from .side import Side
 
 BACKGROUND, HAND, UNKNOWN = 0, 1, 2
 """Labels of pixels. What another hand, a sleeve or a ring hides is unknown: neither the hand's, nor free of it."""
@@ -55,15 +54,6 @@ class HandPicture:
             )
         if self.pose.side != "right":
             raise LiveHandError(f"{self.name} must be of a right hand, got a left one's pose; mirror the picture")
-
-    @property
-    def linear(self) -> np.ndarray:
-        """[H, W, 3] float32, scene-linear, in the exposure that all pictures of the scene share."""
-        return srgb_to_linear(self.rgb.astype(np.float32) / 255) / np.exp(np.array(self.log_gain, np.float32))
-
-    def encoded(self, linear: np.ndarray) -> np.ndarray:
-        """Encode linear colours as this picture's camera would."""
-        return linear_to_srgb((linear * np.exp(np.array(self.log_gain))).clip(0, 1).astype(np.float32))
 
 
 @dataclass(frozen=True)
