@@ -185,9 +185,10 @@ def backdrop_gains(samples: Sequence[np.ndarray]) -> np.ndarray | None:
     values, gains = values[:, is_often], np.zeros((len(samples), 3))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a frame may show none of it
+        backdrop = np.nanmedian(values, 0)
         for _ in range(_GAIN_ROUNDS):
-            backdrop = np.nanmedian(values - gains[:, None], 0)
             gains = np.nanmedian(values - backdrop, 1)
+            backdrop = np.nanmedian(values - gains[:, None], 0)
         deviation = np.nanmedian(np.abs(values - backdrop - gains[:, None]))
     if not np.isfinite(gains).all() or deviation > _MOST_DEVIATION:
         return None

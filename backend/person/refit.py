@@ -53,12 +53,12 @@ def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndar
     nothing = OutlineTargets(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2)))
     if not len(ours.px) or not len(theirs.px):
         return nothing
-    distance, at = KDTree(ours.px).query(vertices_px)
+    distance, at = (np.asarray(found) for found in KDTree(ours.px).query(vertices_px))
     vertex = np.flatnonzero(distance < _ALONG_PX)
-    found, nearest = KDTree(theirs.px).query(vertices_px[vertex])
-    agrees = (ours.normal[at[vertex]] * theirs.normal[nearest]).sum(1) > _LEAST_AGREEMENT
-    kept = agrees & (found < _FARTHEST_PX)
-    return OutlineTargets(vertex[kept], theirs.px[nearest[kept]], theirs.normal[nearest[kept]])
+    off, matched = (np.asarray(found) for found in KDTree(theirs.px).query(vertices_px[vertex]))
+    agrees = (ours.normal[at[vertex]] * theirs.normal[matched]).sum(1) > _LEAST_AGREEMENT
+    kept = agrees & (off < _FARTHEST_PX)
+    return OutlineTargets(vertex[kept], theirs.px[matched[kept]], theirs.normal[matched[kept]])
 
 
 class _Edge(NamedTuple):

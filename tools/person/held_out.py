@@ -137,7 +137,8 @@ def _shifted(camera: Camera, picture: HandPicture, encoded: np.ndarray, alpha: n
     """Move the principal point by the median flow from the render to the picture."""
     both = (picture.labels == HAND) & (alpha > 0.5)
     flow = flow_between(_band(encoded, both), _band(picture.rgb / 255.0, both), finest_level=0)
-    sure = binary_erosion(both, np.ones((3, 3)), iterations=_FLOW_INNER_PX) & (flow.error_px < _FLOW_ERROR_PX)
+    inner = np.asarray(binary_erosion(both, np.ones((3, 3)), iterations=_FLOW_INNER_PX), bool)
+    sure = inner & (flow.error_px < _FLOW_ERROR_PX)
     if not sure.any():
         return camera
     K = camera.K.copy()

@@ -34,7 +34,8 @@ class BakedPoints(NamedTuple):
 def skin_points(resolution: int) -> BakedPoints:
     """Place the texels of an atlas."""
     model = PersonModel.of(load_avatar(shipped_avatar_path(_ANYBODY)), load_default_hand())
-    texels, mesh = AtlasTexels.of(model.template, resolution), model.posed(HandPose.rest())
+    template, mesh = model.template, model.posed(HandPose.rest())
+    texels = AtlasTexels.of(template.corner_uv, template.faces, resolution)
     at_m, normals = (texels.at_texels(values.numpy().astype(np.float64)) for values in (mesh.vertices, mesh.normals))
     normals = swap_distal(normals)
     return BakedPoints(

@@ -157,7 +157,7 @@ def numbered_camera(arrays: Mapping[str, Any], number: int, size_px: tuple[int, 
     rotation, upwards = u @ vt, _to_z_up(np.array(arrays.get("up", _UP), float))
     cam2world = np.eye(4)
     cam2world[:3, :3] = upwards @ rotation.T
-    cam2world[:3, 3] = upwards @ (-rotation.T @ outer[:3, 3])
+    cam2world[:3, 3] = -(upwards @ rotation.T @ outer[:3, 3])
     return Camera(K, cam2world, size_px)
 
 

@@ -69,7 +69,7 @@ def relabelled(labels: UInt8[np.ndarray, "H W"], mesh: UInt8[np.ndarray, "H W"])
 
 def overlap(labels: UInt8[np.ndarray, "H W"], mesh: UInt8[np.ndarray, "H W"], side: Side, arm_px: int = 5) -> float:
     """Compute the intersection over union of a hand's skin and its mesh, away from forearms; NaN for neither."""
-    own, counts = LABEL_OF[side], ~binary_dilation((labels == ARM) | (mesh == ARM), iterations=arm_px)
+    own, counts = LABEL_OF[side], ~np.asarray(binary_dilation((labels == ARM) | (mesh == ARM), iterations=arm_px), bool)
     skin, model = (labels == own) & counts, (mesh == own) & counts
     either = (skin | model).sum()
     return float((skin & model).sum() / either) if either else float("nan")

@@ -1,0 +1,135 @@
+"""A made person's pictures, by our own renderer: colours, light and numbers come back, and the avatar shows them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.avatars.file import load_avatar, save_avatar
+from livehand.backend.capture.picture import linear_to_srgb
+from livehand.backend.hand.lbs import posed_vertices
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.motion.spaces import rest_wrists
+from livehand.backend.person.making import MakingOptions, made_person
+from livehand.backend.person.person_avatar import person_avatar, shipped_bases
+from livehand.backend.person.refit import refitted
+from livehand.backend.person.review import held_out_figures, write_sheet
+from livehand.backend.records.camera import Camera, look_at
+from livehand.backend.records.hand_picture import HAND, HandPicture, PicturedHand
+from livehand.backend.records.light import Light, Sky, sky_directions
+from livehand.backend.records.shot import HandPose, Shot
+from livehand.backend.render.renderer import Renderer
+from livehand.backend.surface.albedo_ratio import RATIO_STEP
+
+pytest.importorskip("cv2")
+pytestmark = pytest.mark.slow
+SIZE_PX, FOCAL_PX, VIEWS = (150, 190), 330.0, 6
+STAIN = np.array([-30, -45, -50], np.int8)  # steps of the logarithm, on one half of the atlas
+
+
+@pytest.fixture(scope="module")
+def bases():
+    return shipped_bases(load_default_hand())
+
+
+@pytest.fixture(scope="module")
+def truth(bases):
+    steps = np.zeros((256, 256, 3), np.int8)
+    steps[:, :128] = STAIN
+    return bases.models[0.42].with_ratio(steps)
+
+
+def light():
+    up = sky_directions(16, 32)[..., 2:]
+    return Light(sky=Sky(np.repeat(0.25 + 0.2 * up.clip(0), 3, 2)))
+
+
+@pytest.fixture(scope="module")
+def hand(truth):
+    """Views of a resting hand from all around, the last held out."""
+    pose = HandPose.rest()
+    middle = posed_vertices(truth.hand, pose)[truth.hand.framed_vertices].mean(0)
+    pictures = []
+    for index in range(VIEWS):
+        angle = 2 * np.pi * index / VIEWS
+        eye = middle + 0.42 * np.array([0.15, np.cos(angle), np.sin(angle)])
+        K = np.array([[FOCAL_PX, 0, SIZE_PX[0] / 2], [0, FOCAL_PX, SIZE_PX[1] / 2], [0, 0, 1]])
+        camera = Camera(K, look_at(eye, middle, np.array([-1.0, 0, 0])), SIZE_PX)
+        frame = truth.rendered(pose, camera, light())
+        rgb = linear_to_srgb((frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)).clip(0, 1))
+        labels = np.where(frame.alpha > 0.5, HAND, 0).astype(np.uint8)
+        encoded = (255 * rgb * (frame.alpha[..., None] > 0)).round().astype(np.uint8)
+        pictures.append(HandPicture(str(index), encoded, labels, camera, pose, is_held_out=index == VIEWS - 1))
+    return PicturedHand(tuple(pictures), "right", "made", is_calibrated=True)
+
+
+@pytest.fixture(scope="module")
+def made(bases, hand):
+    options = MakingOptions(resolution=256, rounds=1, with_flow=False)
+    return made_person(bases.models[0.42], hand, bases.family, options)
+
+
+def test_the_numbers_come_back(made):
+    assert made.completed.numbers.melanin == pytest.approx(0.42, abs=0.2)
+    assert (made.completed.confidence > 0.5).mean() > 0.5
+
+
+def test_a_stain_stands_where_it_was(made):
+    """Its border; half of what is coarse is taken for light, so that about half of the step is left."""
+    column = made.texels.pixel % 256
+    sure = made.completed.confidence > 0.5
+    left, right = ((column >= low) & (column < high) & sure for low, high in ((116, 127), (130, 141)))
+    step = made.completed.log_ratio[left].mean(0) - made.completed.log_ratio[right].mean(0)
+    assert (step < 0.3 * STAIN * RATIO_STEP).all()
+
+
+def test_a_held_out_picture_is_shown(made, hand, tmp_path):
+    figures = held_out_figures(made.model, hand.pictures, made.lights)
+    assert figures.pictures == 1
+    assert figures.psnr_db > 26
+    assert figures.overlap > 0.97
+    write_sheet(tmp_path / "sheet.png", made, hand.pictures, "made")
+    assert (tmp_path / "sheet.png").stat().st_size > 10_000
+
+
+def test_the_avatar_is_the_person_after_its_file_too(made, hand, tmp_path):
+    avatar = person_avatar(made, made.model.hand, np.zeros(10), "made", {"source": "made", "consent": "mine"})
+    save_avatar(avatar, tmp_path / "made.safetensors")
+    loaded = load_avatar(tmp_path / "made.safetensors")
+    assert loaded.provenance["consent"] == "mine"
+    picture = hand.pictures[2]
+    vertices = posed_vertices(made.model.hand, picture.pose)
+    shot = Shot(picture.pose, vertices, picture.camera, light())
+    ours, theirs = (
+        Renderer(one, made.model.hand, "cpu").render(shot).rgb for one in (loaded, replace(avatar, thumbnail=None))
+    )
+    np.testing.assert_allclose(ours, theirs, atol=2e-3)
+    model = made.model.rendered(picture.pose, picture.camera, light()).rgb
+    assert np.abs(theirs - model).mean() < 0.01  # the same but for the numbers that shape fine pigment
+
+
+def test_poses_go_back_to_where_the_pictures_show_them(made, hand):
+    rng = np.random.default_rng(1)
+    right = rest_wrists(made.model.hand, np.zeros(10))
+    assert np.isfinite(right).all()
+    moved = tuple(
+        replace(one, pose=replace(one.pose, transl=one.pose.transl + rng.normal(0, 0.004, 3))) for one in hand.pictures
+    )
+    before = np.mean([np.linalg.norm(one.pose.transl) for one in moved])
+    found = refitted(made.model, refitted(made.model, moved, made.lights).pictures, made.lights)
+
+    def off_px(pictures):
+        points = posed_vertices(made.model.hand, HandPose.rest())
+        return np.mean(
+            [
+                np.linalg.norm(
+                    one.camera.project(posed_vertices(made.model.hand, one.pose))[0] - one.camera.project(points)[0],
+                    axis=1,
+                ).mean()
+                for one in pictures
+            ]
+        )
+
+    assert before > 0.002
+    assert off_px(found.pictures) < 0.5 * off_px(moved)
+    assert torch.is_grad_enabled()
