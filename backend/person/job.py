@@ -96,6 +96,8 @@ class PersonJob:
                 elif message:
                     result = message
         code = self._process.wait()
+        assert self._process.stdin is not None
+        self._process.stdin.close()
         self._result = result or {"error": f"making the avatar ended unexpectedly (code {code}); try again"}
 
 

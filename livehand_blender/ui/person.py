@@ -63,7 +63,7 @@ class LIVEHAND_OT_person_from_pictures(bpy.types.Operator, ImportHelper):
         arguments += ["--consent", self.consent] if self.consent else []
         arguments += ["--side", self.side] if self.side != "AUTO" else []
         self._job = PersonJob.start([*arguments, "--sheet", str(output.with_suffix(".png"))], output)
-        if context.window is None:
+        if bpy.app.background or context.window is None:
             self._job.wait()
             return self._taken(context)
         self._timer = context.window_manager.event_timer_add(_INTERVAL_S, window=context.window)

@@ -1,0 +1,103 @@
+"""An avatar from pictures in Blender: who wears it afterwards, what errors leave, and the process itself."""
+
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+import pytest
+from livehand.backend.avatars.library import shipped_avatar_path
+from livehand.backend.person.job import PersonJob
+from livehand.backend.records.errors import LiveHandError
+from livehand.livehand_blender.render.hand_source import hand_source
+from livehand.livehand_blender.rig.hand import active_hand
+from livehand.livehand_blender.ui import person
+
+
+class FakeJob(SimpleNamespace):
+    """Ends at once, with an avatar or an error."""
+
+    started = None
+
+    def wait(self):
+        if "error" not in self.report:
+            shutil.copy(shipped_avatar_path("middle"), self.output)
+
+    def result(self):
+        if "error" in self.report:
+            raise LiveHandError(self.report["error"])
+        return self.report
+
+
+@pytest.fixture
+def ends_with(hand_scene, tmp_path, monkeypatch):
+    """A function: what the job reports."""
+    monkeypatch.setattr(person, "missing_requirements", lambda: [])
+    monkeypatch.setattr(person, "has_networks", lambda: True)
+    monkeypatch.setattr(person, "library_folder", lambda context: tmp_path)
+
+    def ends(report):
+        def start(arguments, output):
+            FakeJob.started = arguments
+            return FakeJob(output=output, report=report)
+
+        monkeypatch.setattr(person, "PersonJob", SimpleNamespace(start=start))
+
+    return ends
+
+
+def make(**settings):
+    return bpy.ops.livehand.person_from_pictures("EXEC_DEFAULT", **settings)
+
+
+def test_the_active_hand_wears_the_new_avatar(ends_with, tmp_path):
+    ends_with({"seen": 0.7, "notes": []})
+    assert make(filepath="//film.mp4", person_name="Anna", consent="yes", side="left") == {"FINISHED"}
+    assert hand_source(active_hand(bpy.context)).avatar_path == tmp_path / "Anna.safetensors"
+    arguments = FakeJob.started
+    assert Path(arguments[0]).name == "film.mp4"
+    assert arguments[arguments.index("--side") + 1] == "left"
+    assert arguments[arguments.index("--consent") + 1] == "yes"
+
+
+def test_a_name_that_is_taken_gets_a_number(ends_with, tmp_path):
+    (tmp_path / "Anna.safetensors").touch()
+    ends_with({"seen": 0.7, "notes": []})
+    make(filepath="//film.mp4", person_name="Anna")
+    assert hand_source(active_hand(bpy.context)).avatar_path == tmp_path / "Anna_2.safetensors"
+
+
+def test_a_photograph_stands_for_its_folder(ends_with, tmp_path):
+    (tmp_path / "photos").mkdir()
+    ends_with({"seen": 0.7, "notes": []})
+    make(filepath=str(tmp_path / "photos" / "one.jpg"))
+    assert FakeJob.started[0] == str(tmp_path / "photos")
+
+
+def test_an_error_changes_nothing(ends_with, tmp_path):
+    before = hand_source(active_hand(bpy.context)).avatar_path
+    ends_with({"error": "a film must show a hand, got none"})
+    with pytest.raises(RuntimeError, match="must show a hand"):
+        make(filepath="//film.mp4")
+    assert hand_source(active_hand(bpy.context)).avatar_path == before
+    assert not list(tmp_path.glob("*.safetensors"))
+
+
+def test_the_process_reports_the_commands_error(tmp_path):
+    job = PersonJob.start(
+        [str(tmp_path / "none"), "-o", str(tmp_path / "out.safetensors")], tmp_path / "out.safetensors"
+    )
+    job.wait()
+    assert not job.is_running
+    with pytest.raises(LiveHandError, match="must be a film"):
+        job.result()
+
+
+def test_a_process_that_is_canceled_ends(tmp_path):
+    job = PersonJob.start(
+        [str(tmp_path / "none"), "-o", str(tmp_path / "out.safetensors")], tmp_path / "out.safetensors"
+    )
+    job.cancel()
+    job.wait()
+    with pytest.raises(LiveHandError):
+        job.result()
