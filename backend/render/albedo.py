@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 from copy import deepcopy
+from pathlib import Path
 
 import numpy as np
 import torch
+from PIL import Image
 from scipy import ndimage
+from torch.nn.functional import interpolate
 
 from ..avatars.avatar import Avatar
+from ..avatars.file import load_avatar
+from ..capture.picture import linear_to_srgb
 from ..field.conditions import FrameConditions
 from ..field.rays import CameraTensors, HandInView, SurfaceRays, camera_tensors
 from ..field.relightable import RelightableField
@@ -23,6 +29,7 @@ from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..surface.albedo_ratio import vertex_ratio
 from ..surface.shading_detail import log_albedo
+from ..system.files import replacing
 from .avatar_surface import avatar_surface_of
 
 _DISTANCE_M, _FOCAL_PX = 0.5, 1000.0
@@ -52,15 +59,21 @@ def atlas_albedo(avatar: Avatar, hand: HandModel, resolution: int) -> np.ndarray
     Raises:
         LiveHandError: the avatar is not relightable.
     """
-    pixel, samples = _at_texels(hand, resolution)
-    albedo = torch.as_tensor(_albedo_at(avatar, hand, samples))
+    image = torch.as_tensor(_field_over_atlas(avatar, hand, min(resolution, _FIELD_RESOLUTION))).permute(2, 0, 1)
+    image = interpolate(image[None], size=(resolution, resolution), mode="bilinear")[0].permute(1, 2, 0)
     surface = avatar_surface_of(avatar, torch.device("cpu"))
     if surface is not None:
-        column, row = pixel % resolution, torch.div(pixel, resolution, rounding_mode="floor")
-        uv = (torch.stack([column, row], 1) + 0.5) / resolution
-        albedo = albedo * torch.exp(log_albedo(surface.maps, uv, resolution))
+        at = (torch.arange(resolution) + 0.5) / resolution
+        uv = torch.stack([at.expand(resolution, -1), at[:, None].expand(-1, resolution)], -1).reshape(-1, 2)
+        image = image * torch.exp(log_albedo(surface.maps, uv, resolution)).reshape(resolution, resolution, 3)
+    return image.clamp(0, 1).numpy()
+
+
+def _field_over_atlas(avatar: Avatar, hand: HandModel, resolution: int) -> np.ndarray:
+    """Compute the albedo [A, A, 3] of the field over the atlas; beyond the charts, that of the nearest texel."""
+    pixel, samples = _at_texels(hand, resolution)
     image = np.zeros((resolution**2, 3), np.float32)
-    image[pixel.numpy()] = albedo.clamp(0, 1).numpy()
+    image[pixel.numpy()] = _albedo_at(avatar, hand, samples)
     is_beyond = np.ones(resolution**2, bool)
     is_beyond[pixel.numpy()] = False
     nearest = ndimage.distance_transform_edt(
@@ -68,6 +81,33 @@ def atlas_albedo(avatar: Avatar, hand: HandModel, resolution: int) -> np.ndarray
     )
     row, column = np.asarray(nearest)
     return image.reshape(resolution, resolution, 3)[row, column]
+
+
+def baked_colors(avatar_path: Path, hand: HandModel, folder: Path, resolution: int = 1024) -> Path:
+    """Write an avatar's albedo over the atlas as an 8-bit PNG, unless it was written before; returns its path.
+
+    Args:
+        avatar_path: of the avatar.
+        hand: its model.
+        folder: of such files; it is made.
+        resolution: of the picture.
+
+    Raises:
+        LiveHandError: the avatar cannot be read, is not relightable, or the file cannot be written.
+    """
+    sha256 = hashlib.sha256(avatar_path.read_bytes()).hexdigest() if avatar_path.is_file() else ""
+    path = folder / f"{avatar_path.stem}_{sha256[:12]}.png"
+    if path.is_file():
+        return path
+    encoded = linear_to_srgb(atlas_albedo(load_avatar(avatar_path), hand, resolution))
+    picture = Image.fromarray((255 * encoded[::-1]).round().astype(np.uint8))
+    with replacing(path) as partial:
+        picture.save(partial, format="PNG")
+    return path
+
+
+_FIELD_RESOLUTION = 512
+"""Finer than the planes of a field."""
 
 
 def _albedo_at(avatar: Avatar, hand: HandModel, samples: SurfaceSamples) -> np.ndarray:

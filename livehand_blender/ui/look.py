@@ -8,9 +8,12 @@ import bpy
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
+from ...backend.render.albedo import baked_colors
+from ..render.hand_source import hand_source
 from ..rig.hand import RiggedHand
 from ..rig.skin_texture import remove_texture, wear_texture, worn_texture
 from .mixins import HandTab, OnHand, polled_hand, reports_errors
+from .preferences import library_folder
 
 
 class LIVEHAND_OT_wear_texture(OnHand, bpy.types.Operator, ImportHelper):
@@ -26,6 +29,21 @@ class LIVEHAND_OT_wear_texture(OnHand, bpy.types.Operator, ImportHelper):
     def execute(self, context):
         """Make it the base color of the mesh's material."""
         wear_texture(RiggedHand.active(context), Path(bpy.path.abspath(self.filepath)))
+
+
+class LIVEHAND_OT_wear_avatar_colors(OnHand, bpy.types.Operator):
+    """Show the colors of the hand's avatar on the plain mesh: in Solid, Material Preview, EEVEE and Cycles."""
+
+    bl_idname = "livehand.wear_avatar_colors"
+    bl_label = "Avatar's Colors"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @reports_errors
+    def execute(self, context):
+        """Bake the avatar's albedo over the atlas, once a file, and make it the base color of the mesh's material."""
+        hand = RiggedHand.active(context)
+        avatar = hand_source(hand.armature).avatar_path
+        wear_texture(hand, baked_colors(avatar, hand.model, library_folder(context) / "colors"))
 
 
 class LIVEHAND_OT_remove_texture(OnHand, bpy.types.Operator):
@@ -54,9 +72,10 @@ class LIVEHAND_PT_look(HandTab, bpy.types.Panel):
         if image is not None:
             self.layout.label(text=image.name, icon="TEXTURE")
         row = self.layout.row(align=True)
+        row.operator("livehand.wear_avatar_colors", icon="USER")
         row.operator("livehand.wear_texture", text="Mesh Texture", icon="FILE_IMAGE")
         if image is not None:
             row.operator("livehand.remove_texture", text="", icon="X")
 
 
-CLASSES = (LIVEHAND_OT_wear_texture, LIVEHAND_OT_remove_texture, LIVEHAND_PT_look)
+CLASSES = (LIVEHAND_OT_wear_texture, LIVEHAND_OT_wear_avatar_colors, LIVEHAND_OT_remove_texture, LIVEHAND_PT_look)

@@ -1,16 +1,22 @@
 """The albedo on the mesh: what the field's coefficients are there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.avatar import AvatarConfig, new_avatar
-from livehand.backend.avatars.file import load_avatar
+from livehand.backend.avatars.file import load_avatar, save_avatar
+from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.light.lighting import DIFFUSE, SCATTERED, UNUSED
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.render.albedo import vertex_albedo
+from livehand.backend.render.albedo import atlas_albedo, baked_colors, vertex_albedo
+from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
+from PIL import Image
 
 PLANES = {"width": 8, "planes": ((16, 1, 4),), "relief": 8}
 
@@ -68,3 +74,32 @@ def test_it_is_the_same_every_time(hand):
     avatar = load_avatar()
     first, *others = (vertex_albedo(avatar, hand) for _ in range(4))
     assert all(np.array_equal(first, other) for other in others)
+
+
+@pytest.mark.slow
+def test_the_atlas_has_the_albedo_of_the_vertices_and_finer_detail(tmp_path):
+    hand, path = load_default_hand(), shipped_avatar_path("middle")
+    avatar, size = load_avatar(path), 128
+    image, at_vertices = atlas_albedo(avatar, hand, size), vertex_albedo(avatar, hand)
+    uv = hand.vt[hand.ft].reshape(-1, 2)
+    column, row = (uv * size).astype(int).clip(0, size - 1).T
+    vertices = at_vertices[hand.f.reshape(-1)]
+    assert np.median(np.abs(np.log(image[row, column].clip(1e-3) / vertices.clip(1e-3)))) < 0.08
+    assert image.min() >= 0
+    assert image.max() <= 1
+
+
+@pytest.mark.nightly  # builds a surface three times
+def test_a_persons_factor_is_in_the_colors_and_their_file_is_made_once(tmp_path):
+    hand, path = load_default_hand(), tmp_path / "darker.safetensors"
+    avatar = load_avatar(shipped_avatar_path("middle"))
+    arrays = {**avatar.surface.arrays, RATIO_ARRAY: np.full((64, 64, 3), -20, np.int8)}
+    darker = replace(avatar, surface=replace(avatar.surface, arrays=arrays))
+    plain, dark = (atlas_albedo(one, hand, 64) for one in (avatar, darker))
+    np.testing.assert_allclose(dark, plain * np.exp(-20 * RATIO_STEP), rtol=1e-3)
+    save_avatar(darker, path)
+    colors = baked_colors(path, hand, tmp_path / "colors", 64)
+    written = colors.stat().st_mtime_ns
+    with Image.open(colors) as picture:
+        assert picture.size == (64, 64)
+    assert baked_colors(path, hand, tmp_path / "colors", 64).stat().st_mtime_ns == written
