@@ -13,8 +13,6 @@ from ..hand.model import HandModel
 from ..records.errors import LiveHandError
 from ..records.hand_picture import BACKGROUND, HAND, UNKNOWN, HandPicture, PicturedHand
 from ..records.side import Side
-from .rig.calibration import has_cameras
-from .rig.pictures_of_rig import pictures_of_rig
 
 FILM_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".mts", ".ts")
 _MOST_PICTURES = 40
@@ -32,6 +30,8 @@ def pictured_hand(
     if (source / "transforms.json").is_file():
         return pictures_of_capture(source, model, _MOST_PICTURES)
     from ..tracking.weights import load_networks
+    from .rig.calibration import has_cameras
+    from .rig.pictures_of_rig import pictures_of_rig
 
     if has_cameras(source):
         return _hand_of_rig(pictures_of_rig(source, networks=load_networks(weights), model=model, say=log), side)

@@ -8,7 +8,6 @@ import bpy
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ...backend.render.albedo import baked_colors
 from ..render.hand_source import hand_source
 from ..rig.hand import RiggedHand
 from ..rig.skin_texture import remove_texture, wear_texture, worn_texture
@@ -41,6 +40,8 @@ class LIVEHAND_OT_wear_avatar_colors(OnHand, bpy.types.Operator):
     @reports_errors
     def execute(self, context):
         """Bake the avatar's albedo over the atlas, once a file, and make it the base color of the mesh's material."""
+        from ...backend.render.albedo import baked_colors
+
         hand = RiggedHand.active(context)
         avatar = hand_source(hand.armature).avatar_path
         wear_texture(hand, baked_colors(avatar, hand.model, library_folder(context) / "colors"))

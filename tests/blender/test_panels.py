@@ -147,7 +147,7 @@ def test_a_hand_shows_its_avatar_and_a_choice():
     hand = add_hand(bpy.context, load_default_hand())
     drawn = draw(avatars.LIVEHAND_PT_avatar)
     assert drawn[:2] == ["light", "Licence: GPL-3.0-or-later"]
-    assert drawn[-2:] == ["skin", "avatar_path"]
+    assert drawn[-3:] == ["skin", "avatar_path", "livehand.person_from_pictures"]
     assert "LIVEHAND_PT_choose_avatar" in draw(panels.LIVEHAND_PT_hand)
     offered = draw(avatars.LIVEHAND_PT_choose_avatar)
     assert offered[:6:2] == ["livehand.wear_avatar"] * 3
@@ -160,9 +160,9 @@ def test_a_hand_shows_its_avatar_and_a_choice():
 def test_the_panel_reports_a_missing_avatar():
     add_hand(bpy.context, load_default_hand()).livehand.avatar_path = "/nowhere/a.safetensors"
     drawn = draw(avatars.LIVEHAND_PT_avatar)
-    assert "/nowhere/a.safetensors" in "".join(drawn[:-2])
+    assert "/nowhere/a.safetensors" in "".join(drawn[:-3])
     assert "LIVEHAND_PT_choose_avatar" in draw(panels.LIVEHAND_PT_hand)
-    assert drawn[-1] == "avatar_path"
+    assert drawn[-2:] == ["avatar_path", "livehand.person_from_pictures"]
 
 
 def test_a_hand_shows_ten_sliders():
