@@ -1,6 +1,6 @@
 """A person from pictures: the main road.
 
-- light (`light`): of every scene, in the albedo so far
+- light (`illumination`): of every scene, in the albedo so far
 - gather (`gathering`): what pictures show of each texel
 - numbers (`numbers`): the nearest skin of the family; strength and tint of the light
 - complete (`completion`): delighting with a prior, and what no picture shows
@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from ..records.errors import LiveHandError
 from ..records.hand_picture import HandPicture, PicturedHand
 from ..surface.albedo_ratio import ratio_steps
 from .atlas import AtlasTexels
@@ -27,6 +28,7 @@ from .refit import refitted
 
 _LIGHT_PICTURES = 8
 _REPORTED = 1e-3
+_LEAST_PIXELS, _LEAST_SEEN = 200, 0.05
 
 Log = Callable[[str], None]
 
@@ -70,6 +72,13 @@ class MadePerson:
     gathered: GatheredRatio
     lights: Mapping[int, Illumination]
 
+    @property
+    def steps(self) -> np.ndarray:
+        """[A, A, 3] int8 of the factor, as the model shows it."""
+        steps = self.model.pipeline.steps
+        assert steps is not None
+        return steps
+
 
 def made_person(
     base: PersonModel, hand: PicturedHand, family: ToneFamily, options: MakingOptions, log: Log = lambda line: None
@@ -82,8 +91,9 @@ def made_person(
     lights = {scene: fitted_light(of_scene) for scene, of_scene in pixels.items()}
     model, person = base, None
     for round_index in range(options.rounds):
-        known = None if person is None else texels.from_map(_map(texels, person.completed))
+        known = None if person is None else person.completed.log_ratio
         gathered = gathered_ratio(model, texels, pictures, lights, known, options.with_flow)
+        _check_seen(gathered)
         completed = completed_ratio(texels, gathered, family, base_log_albedo, options.kept_low)
         log(_report(round_index, gathered, completed))
         gain, tint = completed.numbers.log_gain, np.exp(completed.numbers.log_tint)
@@ -174,8 +184,24 @@ def _pixels_of_scenes(base: PersonModel, pictures: list[HandPicture], log: Log) 
     for scene in sorted({picture.scene for picture in pictures}):
         of_scene = _chosen([picture for picture in pictures if picture.scene == scene], _LIGHT_PICTURES)
         pixels[scene] = lit_pixels(base, of_scene)
+        if len(pixels[scene].shown) < _LEAST_PIXELS:
+            names = ", ".join(picture.name for picture in of_scene)
+            raise LiveHandError(
+                f"{names} must show the hand free and not clipped, got {len(pixels[scene].shown)} pixels of sure skin; "
+                "leave these pictures out, or film in softer light"
+            )
         log(f"light of scene {scene}: {len(pixels[scene].shown)} pixels of {len(of_scene)} pictures")
     return pixels
+
+
+def _check_seen(gathered: GatheredRatio) -> None:
+    """Raise LiveHandError if so little skin was found that everything would be a guess."""
+    seen = float((gathered.weight > _REPORTED).mean())
+    if seen < _LEAST_SEEN or not np.isfinite(gathered.mean).all():
+        raise LiveHandError(
+            f"the pictures must show at least {_LEAST_SEEN:.0%} of the skin where the fitted hand is, got {seen:.0%}; "
+            "show the whole hand, larger, sharp and in light"
+        )
 
 
 def _lights_again(

@@ -13,7 +13,7 @@ from ..avatars.library import shipped_avatar_path
 from ..capture.person import Person
 from ..hand.model import HandModel
 from ..render.thumbnail import with_thumbnail
-from ..surface.albedo_ratio import RATIO_ARRAY, ratio_steps
+from ..surface.albedo_ratio import RATIO_ARRAY
 from ..surface.base_surface import whole_surface
 from ..surface.detail_surface import OFFSET_STEP_M
 from .making import Bases, MadePerson
@@ -38,7 +38,7 @@ def person_avatar(made: MadePerson, hand: HandModel, beta: np.ndarray, name: str
     assert base.surface is not None
     arrays: dict[str, np.ndarray] = {
         **base.surface.arrays,
-        RATIO_ARRAY: _ratio(made),
+        RATIO_ARRAY: made.steps,
         "confidence": _confidence(made),
     }
     if made.model.offset_m.any():
@@ -57,13 +57,6 @@ def _person(made: MadePerson, base: Person, beta: np.ndarray) -> Person:
         for value, most in ((numbers.melanin, _MOST_MELANIN), (numbers.blood, _MOST_BLOOD))
     )
     return replace(base, melanin=melanin, blood=blood, beta=shape)
-
-
-def _ratio(made: MadePerson) -> np.ndarray:
-    """Return the factor [A, A, 3] int8."""
-    import torch
-
-    return ratio_steps(torch.as_tensor(made.texels.as_map(made.completed.log_ratio))).numpy()
 
 
 def _confidence(made: MadePerson) -> np.ndarray:

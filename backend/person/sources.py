@@ -28,7 +28,10 @@ def pictured_hand(
         LiveHandError: there is nothing, no hand, or no hand that is good enough.
     """
     if (source / "transforms.json").is_file():
-        return pictures_of_capture(source, model, _MOST_PICTURES)
+        captured = pictures_of_capture(source, model, _MOST_PICTURES)
+        if side not in (None, captured.side):
+            raise LiveHandError(f"--side must be that of the capture, {captured.side}, got {side}; leave it out")
+        return captured
     from ..tracking.weights import load_networks
     from .rig.calibration import has_cameras
     from .rig.pictures_of_rig import pictures_of_rig
@@ -75,6 +78,8 @@ def pictures_of_capture(folder: Path, model: HandModel, most: int) -> PicturedHa
             "make it again with the built-in hand (livehand track FILM --capture DIR without --hand)"
         )
     train = _spread(capture.of_split("train"), most)
+    if not train:
+        raise LiveHandError(f"{folder} must have images to make a person from (split train), got none")
     held_out = _spread(capture.of_split("novel_pose"), max(1, most // 6))
     pictures = [
         _picture(capture, view, is_held_out)
