@@ -25,9 +25,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--name", help="of the person, for display (default: the file's name)")
     parser.add_argument("--side", choices=SIDES, help="the hand to take (default: the one seen longer)")
-    parser.add_argument(
-        "--consent", default="", metavar="TEXT", help="what the person agreed to; kept in the avatar and in its frames"
-    )
+    parser.add_argument("--consent", default="", metavar="TEXT", help="what the person agreed to; kept in the avatar")
     parser.add_argument("--sheet", type=Path, metavar="FILE.png", help="pictures beside the avatar, and what was seen")
     parser.add_argument("--weights", type=Path, metavar="DIR", help="the tracker's folder, if it is not the user's own")
 

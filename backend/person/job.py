@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ..records.errors import LiveHandError
+from ..system.processes import end_by_input
 from .command import COMMAND, making
 
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from backend.person.job import run; run()"
@@ -76,13 +77,7 @@ class PersonJob:
 
     def cancel(self) -> None:
         """End the process; no file is written."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        try:
-            self._process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        end_by_input(self._process, _END_S)
 
     def _read(self) -> None:
         pipe = self._process.stdout

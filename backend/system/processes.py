@@ -11,6 +11,7 @@ import hashlib
 import os
 import signal
 import socket
+import subprocess
 import sys
 import threading
 import uuid
@@ -24,6 +25,17 @@ def process_space() -> str:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         return f"{boot} {os.readlink('/proc/self/ns/pid')}"
     return f"{socket.gethostname()} {uuid.getnode():x}"
+
+
+def end_by_input(process: subprocess.Popen[bytes], patience_s: float) -> None:
+    """End a child that ends when its standard input does; one that has not by then is killed."""
+    assert process.stdin is not None
+    process.stdin.close()
+    try:
+        process.wait(patience_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def is_running(pid: int) -> bool:

@@ -18,6 +18,7 @@ from typing import IO, Any
 import numpy as np
 
 from ..records.errors import LiveHandError
+from ..system.processes import end_by_input
 from .takes import FrameHands, VideoSightings, put_together
 from .tracked_hand import TrackedHand
 from .weights import load_networks
@@ -119,13 +120,7 @@ class LiveTracker:
 
     def close(self) -> None:
         """End the process, whatever it does."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        try:
-            self._process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        end_by_input(self._process, _END_S)
         self._reader.join(_END_S)
 
     def _read(self) -> None:

@@ -10,6 +10,8 @@ import bpy
 from bpy.props import BoolProperty, IntProperty
 
 from ...backend.records.errors import LiveHandError
+from ...backend.system.packages import missing_requirements
+from ...backend.tracking.weights import FETCH_COMMAND, has_networks
 from ..rig.hand import active_hand
 
 
@@ -45,6 +47,23 @@ class OnHand:
         """Enable it if a hand is active."""
         if active_hand(context) is None:
             cls.poll_message_set("select a LiveHand hand first")
+            return False
+        return True
+
+
+class NeedsTracker:
+    """Mixin of operators that track hands."""
+
+    poll_message_set: ClassVar[Callable[[str], None]]
+
+    @classmethod
+    def poll(cls, context):
+        """Enable it once the packages and the tracker's networks are there."""
+        if missing_requirements():
+            cls.poll_message_set("Python packages are missing; see the Render panel")
+            return False
+        if not has_networks():
+            cls.poll_message_set(f"the hand tracker is missing; run in a terminal: {FETCH_COMMAND}")
             return False
         return True
 

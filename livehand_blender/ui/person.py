@@ -12,10 +12,9 @@ from bpy_extras.io_utils import ImportHelper
 from ...backend.person.job import PersonJob
 from ...backend.person.sources import FILM_SUFFIXES
 from ...backend.records.errors import LiveHandError
-from ...backend.system.packages import missing_requirements
-from ...backend.tracking.weights import FETCH_COMMAND, has_networks
 from ..render.hand_source import set_avatar
 from ..rig.hand import active_hand
+from .mixins import NeedsTracker
 from .preferences import library_folder
 
 _INTERVAL_S = 0.25
@@ -26,7 +25,7 @@ _SIDES = (
 )
 
 
-class LIVEHAND_OT_person_from_pictures(bpy.types.Operator, ImportHelper):
+class LIVEHAND_OT_person_from_pictures(NeedsTracker, bpy.types.Operator, ImportHelper):
     """Make an avatar of somebody's hand: of a film, or of the photographs in a folder."""
 
     bl_idname = "livehand.person_from_pictures"
@@ -38,21 +37,8 @@ class LIVEHAND_OT_person_from_pictures(bpy.types.Operator, ImportHelper):
         default=";".join(f"*{suffix}" for suffix in (*FILM_SUFFIXES, ".jpg", ".jpeg", ".png")), options={"HIDDEN"}
     )
     person_name: StringProperty(name="Name", description="Of the person; the avatar's file is named by it")
-    consent: StringProperty(
-        name="Consent", description="What the person agreed to; kept in the avatar and in the record of its frames"
-    )
+    consent: StringProperty(name="Consent", description="What the person agreed to; kept in the avatar")
     side: EnumProperty(name="Hand", items=_SIDES)
-
-    @classmethod
-    def poll(cls, context):
-        """Enable it once the packages and the tracker's networks are there, one at a time."""
-        if missing_requirements():
-            cls.poll_message_set("Python packages are missing; see the Render panel")
-            return False
-        if not has_networks():
-            cls.poll_message_set(f"the hand tracker is missing; run in a terminal: {FETCH_COMMAND}")
-            return False
-        return True
 
     def execute(self, context):
         """Start; in a window, Blender then calls `modal` by a timer, else it waits."""

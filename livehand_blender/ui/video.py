@@ -17,7 +17,6 @@ from ...backend.hand.model_file import load_default_hand
 from ...backend.motion.landmarks.take_file import FilmedTake, unmirrored, warning_of
 from ...backend.motion.landmarks.take_fit import FilmCamera, TakeFit, fit_take
 from ...backend.records.side import Side
-from ...backend.system.packages import missing_requirements
 from ...backend.tracking.weights import FETCH_COMMAND, has_networks
 from ..motion.film_scene import film_camera, hand_of_side, match_film, new_hand
 from ..motion.filmed import key_take
@@ -25,13 +24,13 @@ from ..motion.keying import Placement
 from ..motion.movie import Movie
 from ..rig.sliders import read_beta
 from .live import draw_live
-from .mixins import HandTab, reports_errors
+from .mixins import HandTab, NeedsTracker, reports_errors
 
 _FILM_MM = 36.0
 _PATTERN = "*.mp4;*.mov;*.m4v;*.mkv;*.webm;*.avi;*.mts"
 
 
-class LIVEHAND_OT_import_video(bpy.types.Operator, ImportHelper):
+class LIVEHAND_OT_import_video(NeedsTracker, bpy.types.Operator, ImportHelper):
     """Key hands with those in a video: the active hand, others of the scene, or new ones."""
 
     bl_idname = "livehand.import_video"
@@ -53,17 +52,6 @@ class LIVEHAND_OT_import_video(bpy.types.Operator, ImportHelper):
         description="Give the scene the video's size, frame rate and length; off: the motion is resampled",
         default=True,
     )
-
-    @classmethod
-    def poll(cls, context):
-        """Enable it once the packages and the tracker's networks are there."""
-        if missing_requirements():
-            cls.poll_message_set("Python packages are missing; see the Render panel")
-            return False
-        if not has_networks():
-            cls.poll_message_set(f"the hand tracker is missing; run in a terminal: {FETCH_COMMAND}")
-            return False
-        return True
 
     @reports_errors
     def execute(self, context):

@@ -11,7 +11,7 @@ from livehand.backend.person.job import PersonJob
 from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender.render.hand_source import hand_source
 from livehand.livehand_blender.rig.hand import active_hand
-from livehand.livehand_blender.ui import person
+from livehand.livehand_blender.ui import mixins, person
 
 
 class FakeJob(SimpleNamespace):
@@ -32,8 +32,8 @@ class FakeJob(SimpleNamespace):
 @pytest.fixture
 def ends_with(hand_scene, tmp_path, monkeypatch):
     """A function: what the job reports."""
-    monkeypatch.setattr(person, "missing_requirements", lambda: [])
-    monkeypatch.setattr(person, "has_networks", lambda: True)
+    monkeypatch.setattr(mixins, "missing_requirements", lambda: [])
+    monkeypatch.setattr(mixins, "has_networks", lambda: True)
     monkeypatch.setattr(person, "library_folder", lambda context: tmp_path)
 
     def ends(report):
