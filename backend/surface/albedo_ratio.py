@@ -11,17 +11,17 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from .detail_maps_file import ATLAS_MM
+from .map_pyramid import LEVELS, pyramid_levels, trilinear
 
 RATIO_STEP = 0.015
 """What one step of the stored logarithms is worth."""
 RATIO_ARRAY = "albedo/ratio"
 MOST_LOG_RATIO = 127 * RATIO_STEP
-_LEVELS = 6
 
 
 class AlbedoRatio(NamedTuple):
@@ -41,7 +41,7 @@ class AlbedoRatio(NamedTuple):
         """Make the pyramid of a map [A, A, 3] int8 (`stored_surface.ARRAYS`)."""
         level = torch.exp(torch.as_tensor(steps, dtype=torch.float32) * RATIO_STEP).permute(2, 0, 1)[None]
         levels = []
-        for _ in range(_LEVELS):
+        for _ in range(LEVELS):
             levels.append(ratio_steps(level[0].permute(1, 2, 0).flatten(0, 1).log()))
             level = avg_pool2d(level, 2)
         return cls(torch.cat(levels).to(device), len(steps))
@@ -54,27 +54,11 @@ class AlbedoRatio(NamedTuple):
     @property
     def first_rows(self) -> list[int]:
         """Of each level in the table."""
-        return [sum((self.resolution >> finer) ** 2 for finer in range(level)) for level in range(_LEVELS)]
+        return [first for first, _ in pyramid_levels(self.resolution)]
 
     def sample(self, uv: Float[Tensor, "P 2"], level: Float[Tensor, " P"]) -> Float[Tensor, "P 3"]:
         """Sample the logarithm of the factor, trilinear."""
-        level = level.clamp(0, _LEVELS - 1)
-        fine = level.floor().long()
-        share, coarse = (level - fine)[:, None], (fine + 1).clamp(max=_LEVELS - 1)
-        return RATIO_STEP * (self._bilinear(uv, fine) * (1 - share) + self._bilinear(uv, coarse) * share)
-
-    def _bilinear(self, uv: Tensor, level: Int[Tensor, " P"]) -> Float[Tensor, "P 3"]:
-        start, size = torch.tensor(self.first_rows, device=uv.device)[level], self.resolution >> level
-        place = (uv * size[:, None] - 0.5).clamp(min=0).minimum(size[:, None] - 1.0)
-        first = place.floor().minimum(size[:, None] - 2.0)
-        (fu, fv), (u, v) = (place - first).unbind(1), first.long().unbind(1)
-        corner = start + v * size + u
-        rows = (corner, corner + 1, corner + size, corner + size + 1)
-        weights = ((1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv)
-        return sum(
-            (self.table[row].float() * weight[:, None] for row, weight in zip(rows, weights, strict=True)),
-            start=uv.new_zeros(len(uv), 3),
-        )
+        return RATIO_STEP * trilinear(self.table, self.resolution, uv, level)
 
 
 def ratio_steps(log_ratio: Float[Tensor, ...]) -> Tensor:

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import conv2d, interpolate, pad
 
 from .albedo_ratio import AlbedoRatio
 from .detail_maps_file import ATLAS_MM, COARSEST_MM, SkinMaps, SurfaceDetail
+from .map_pyramid import LEVELS, pyramid_levels, trilinear
 
 DORSAL_MM, PALMAR_MM = 0.36, 0.55
 """Depth of folds and creases at their deepest, straight and half bent."""
@@ -46,7 +47,6 @@ and blue 0.87 and 0.96."""
 RESOLVED_BETWEEN = 0.05
 """Of the variance of slopes from texel to texel: images show that of fine lines, not the walls of a nail's rim."""
 _STEPS = [SLOPE_STEP_MM] * 6 + [SHADE_STEP] * 4 + [GLOSS_STEP] * 2
-_LEVELS = 6
 _BLUR_REACH = 3  # deviations
 _BESIDE = (0.125, 0.75, 0.125)
 _HALVING = (0.125, 0.375, 0.375, 0.125)  # binomial: means of two would alias ridges of three texels
@@ -126,27 +126,12 @@ class DetailMaps(NamedTuple):
     @property
     def levels(self) -> list[tuple[int, int]]:
         """(first row of the table, resolution) of each level."""
-        sizes = [self.resolution >> level for level in range(_LEVELS)]
-        return [(sum(size**2 for size in sizes[:level]), sizes[level]) for level in range(_LEVELS)]
+        return pyramid_levels(self.resolution)
 
     def sample(self, uv: Float[Tensor, "P 2"], level: Float[Tensor, " P"]) -> Float[Tensor, "P 12"]:
         """Sample the maps, trilinear, in mm a texel, logarithms, 1 on nails, and squares."""
-        fine = level.clamp(0, _LEVELS - 1).floor().long()
-        share = (level.clamp(0, _LEVELS - 1) - fine)[:, None]
-        coarse = (fine + 1).clamp(max=_LEVELS - 1)
-        both = self._bilinear(uv, fine) * (1 - share) + self._bilinear(uv, coarse) * share
+        both = trilinear(self.table, self.resolution, uv, level)
         return both * both.new_tensor(_STEPS)
-
-    def _bilinear(self, uv: Tensor, level: Int[Tensor, " P"]) -> Float[Tensor, "P 12"]:
-        start, size = torch.tensor(self.levels, device=uv.device)[level].unbind(1)
-        place = (uv * size[:, None] - 0.5).clamp(min=0).minimum(size[:, None] - 1.0)
-        first = place.floor().minimum(size[:, None] - 2.0)
-        (fu, fv), (u, v) = (place - first).unbind(1), first.long().unbind(1)
-        corner = start + v * size + u
-        rows = (corner, corner + 1, corner + size, corner + size + 1)
-        weights = ((1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv)
-        parts = [self.table[row].float() * weight[:, None] for row, weight in zip(rows, weights, strict=True)]
-        return parts[0] + parts[1] + parts[2] + parts[3]
 
 
 def _by_melanin(light_and_deep: tuple[tuple[float, ...], ...], look: SkinLook) -> tuple[float, ...]:
@@ -230,7 +215,7 @@ def _level(kept: Float[Tensor, "1 1 m m"], coarse: Float[Tensor, "1 1 n n"]) -> 
 def _levels(fine: np.ndarray) -> list[Tensor]:
     """Return the levels [1, 1, n, n] of a map, each half as wide as the one before."""
     levels = [_plane(fine)]
-    while len(levels) < _LEVELS:
+    while len(levels) < LEVELS:
         levels.append(_halved(levels[-1]))
     return levels
 
