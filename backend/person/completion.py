@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import linalg
 
-from .atlas import AtlasTexels
+from ..surface.atlas_texels import AtlasTexels
 from .gathering import GatheredRatio
 from .numbers import ToneFamily, ToneFit, fitted_numbers
 

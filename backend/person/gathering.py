@@ -17,7 +17,7 @@ import numpy as np
 from ..capture.masks.mask import load_opencv
 from ..geometry.tolerances import NEAR_M
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
-from .atlas import AtlasTexels
+from ..surface.atlas_texels import AtlasTexels
 from .flow import bilinear, flow_between, nearest
 from .illumination import Illumination, encoded_colours, linear_colours
 from .model import GeometryMaps, PersonModel

@@ -18,7 +18,7 @@ import torch
 from ..records.errors import LiveHandError
 from ..records.hand_picture import HandPicture, PicturedHand
 from ..surface.albedo_ratio import ratio_steps
-from .atlas import AtlasTexels
+from ..surface.atlas_texels import AtlasTexels
 from .completion import CompletedRatio, completed_ratio
 from .gathering import GatheredRatio, gathered_ratio
 from .illumination import Illumination, LitPixels, fitted_light, lit_pixels

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import torch
 from PIL import Image
-from scipy import ndimage
 from torch.nn.functional import interpolate
 
 from ..avatars.avatar import Avatar
@@ -20,7 +19,6 @@ from ..field.rays import CameraTensors, HandInView, SurfaceRays, camera_tensors
 from ..field.relightable import RelightableField
 from ..field.shade import shade
 from ..geometry.mesh import posed_mesh
-from ..geometry.rasterise import rasterise
 from ..geometry.uvh import SurfaceSamples
 from ..hand.model import HandModel
 from ..hand.topology import Skinning, topology_of
@@ -28,6 +26,7 @@ from ..light.lighting import AmbientOcclusion, reflectance
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..surface.albedo_ratio import vertex_ratio
+from ..surface.atlas_texels import AtlasTexels
 from ..surface.shading_detail import log_albedo
 from ..system.files import replacing
 from .avatar_surface import avatar_surface_of
@@ -71,16 +70,10 @@ def atlas_albedo(avatar: Avatar, hand: HandModel, resolution: int) -> np.ndarray
 
 def _field_over_atlas(avatar: Avatar, hand: HandModel, resolution: int) -> np.ndarray:
     """Compute the albedo [A, A, 3] of the field over the atlas; beyond the charts, that of the nearest texel."""
-    pixel, samples = _at_texels(hand, resolution)
-    image = np.zeros((resolution**2, 3), np.float32)
-    image[pixel.numpy()] = _albedo_at(avatar, hand, samples)
-    is_beyond = np.ones(resolution**2, bool)
-    is_beyond[pixel.numpy()] = False
-    nearest = ndimage.distance_transform_edt(
-        is_beyond.reshape(resolution, resolution), return_distances=False, return_indices=True
-    )
-    row, column = np.asarray(nearest)
-    return image.reshape(resolution, resolution, 3)[row, column]
+    corner_uv = torch.as_tensor(hand.vt[hand.ft], dtype=torch.float32)
+    texels = AtlasTexels.of(corner_uv, torch.as_tensor(hand.f), resolution)
+    face, weights = torch.as_tensor(texels.face), torch.as_tensor(texels.weights)
+    return texels.as_map(_albedo_at(avatar, hand, SurfaceSamples(face, weights, torch.zeros(len(face)))))
 
 
 def baked_colors(avatar_path: Path, hand: HandModel, folder: Path, resolution: int = 1024) -> Path:
@@ -140,25 +133,6 @@ def _at_vertices(count: int, faces: torch.Tensor) -> SurfaceSamples:
     )
     face = torch.div(corner, 3, rounding_mode="floor")
     return SurfaceSamples(face, torch.nn.functional.one_hot(corner % 3, 3).float(), torch.zeros(count))
-
-
-def _at_texels(hand: HandModel, resolution: int) -> tuple[torch.Tensor, SurfaceSamples]:
-    """Sample the surface at the centres of the atlas's texels; returns row * A + column of each, too."""
-    corners = torch.as_tensor(hand.vt[hand.ft].reshape(-1, 2), dtype=torch.float32) * resolution
-    alone = torch.arange(len(corners)).reshape(-1, 3)
-    found = rasterise(corners, torch.ones(len(corners)), alone, (resolution, resolution))
-    pixel, first = np.unique(found.pixel.numpy(), return_index=True)
-    face = found.face[torch.as_tensor(first)]
-    centre = torch.as_tensor(np.stack([pixel % resolution, pixel // resolution], 1) + 0.5, dtype=torch.float32)
-    a, b, c = corners.reshape(-1, 3, 2)[face].unbind(1)
-    area = _cross(b - a, c - a)
-    of_b, of_c = _cross(centre - a, c - a) / area, _cross(b - a, centre - a) / area
-    weights = torch.stack([1 - of_b - of_c, of_b, of_c], 1)
-    return torch.as_tensor(pixel), SurfaceSamples(face, weights, torch.zeros(len(pixel)))
-
-
-def _cross(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def _camera() -> CameraTensors:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.person.atlas import AtlasTexels
+from livehand.backend.surface.atlas_texels import AtlasTexels
 
 # A square of two faces that fills the lower left quarter of the atlas.
 FACES = torch.tensor([[0, 1, 2], [0, 2, 3]])

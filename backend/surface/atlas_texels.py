@@ -20,14 +20,14 @@ class AtlasTexels:
     Attributes:
         resolution: A.
         pixel: [T] row * A + column, the row of the smallest v first; increasing.
-        corners: [T, 3] vertices of the face that each lies on.
+        face: [T] of the surface, on which each lies.
         weights: [T, 3] barycentric.
         faces: [M, 3] of the surface.
     """
 
     resolution: int
     pixel: np.ndarray
-    corners: np.ndarray
+    face: np.ndarray
     weights: np.ndarray
     faces: np.ndarray
 
@@ -41,8 +41,7 @@ class AtlasTexels:
         face = found.face.numpy()[first]
         centre = np.stack([pixel % resolution, pixel // resolution], 1) + 0.5
         weights = _barycentric(corner_px.reshape(-1, 3, 2).numpy()[face].astype(np.float64), centre)
-        vertices = faces.numpy()
-        return cls(resolution, pixel, vertices[face], weights.astype(np.float32), vertices)
+        return cls(resolution, pixel, face, weights.astype(np.float32), faces.numpy())
 
     def at_texels(self, values: np.ndarray) -> np.ndarray:
         """Interpolate values [N, C] of vertices at the texels [T, C]."""
@@ -67,6 +66,11 @@ class AtlasTexels:
     def from_map(self, image: np.ndarray) -> np.ndarray:
         """Take values [T, C] of a map [A, A, C]."""
         return image.reshape(self.resolution**2, -1)[self.pixel]
+
+    @cached_property
+    def corners(self) -> np.ndarray:
+        """[T, 3] vertices of the face that each texel lies on."""
+        return self.faces[self.face]
 
     @cached_property
     def laplacian(self) -> sparse.csr_matrix:
