@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -26,8 +27,12 @@ _LEAST_FACING, _BRIGHTEST, _ERODED_PX = 0.4, 0.97, 5
 _LONGEST_PX = 300  # of a picture in which light is looked for
 _MOST_PIXELS = 6000  # of one picture
 _OUTLIER = 0.15  # relative error at which a pixel counts half
+_DARK, _LEAST_SHOWN = 0.05, 1e-3  # linear
 _RIDGE = 1e-2
-_ROUNDS, _REWEIGHTED = 6, 2
+_ROUNDS = 6
+_MOST_FITTED = 12_000  # pixels of a scene
+# A tint so strong costs as much as a melanin that is off by a tenth does in relative errors.
+_TINT_DEVIATION, _TINT_COST = 0.06, 4e-4
 
 
 def linear_colours(picture: HandPicture) -> np.ndarray:
@@ -62,17 +67,37 @@ class Illumination:
 
 @dataclass(frozen=True)
 class LitPixels:
-    """Pixels of pictures of one scene, and what they show of a person in the light of each lobe.
+    """Pixels of pictures of one scene, and what they would show of a person in the light of each lobe.
 
     Attributes:
-        basis: [P, 3, L] linear.
+        diffuse: [P, 3, L] linear, in proportion to the albedo.
+        specular: [P, 3, L] linear, whatever the albedo.
         shown: [P, 3] linear.
         uv: [P, 2] of the atlas.
     """
 
-    basis: np.ndarray
+    diffuse: np.ndarray
+    specular: np.ndarray
     shown: np.ndarray
     uv: np.ndarray
+
+    def basis(self, ratio: np.ndarray) -> np.ndarray:
+        """Compute [P, 3, L] for the albedo of `diffuse` times a ratio [P, 3]."""
+        return self.specular + self.diffuse * ratio[..., None]
+
+
+class FittedLobes(NamedTuple):
+    """A light that explains pixels.
+
+    Attributes:
+        lobes: [L] radiance of the sky's lobes.
+        log_tint: [3] of its colour and the camera's white balance; its mean is 0.
+        error: robust mean of squared relative errors, and what the tint costs.
+    """
+
+    lobes: np.ndarray
+    log_tint: np.ndarray
+    error: float
 
 
 def sky_lobes() -> np.ndarray:
@@ -85,7 +110,7 @@ def lit_pixels(
     model: PersonModel, pictures: Sequence[HandPicture], on_picture: Callable[[], None] = lambda: None
 ) -> LitPixels:
     """Render pictures of a scene, made small, in the light of every lobe."""
-    basis, shown, uv = [], [], []
+    diffuse, specular, shown, uv = [], [], [], []
     for picture in pictures:
         camera = picture.camera.scaled(min(0.5, _LONGEST_PX / max(picture.camera.size_px)))
         linear, is_sure = _made_small(picture, camera.size_px)
@@ -93,39 +118,43 @@ def lit_pixels(
         is_sure &= seen.is_seen & (seen.facing > _LEAST_FACING) & _eroded(seen.is_seen)
         row, column = _spread_out(is_sure)
         frames = [
-            model.rendered(picture.pose, camera, Light(sky=Sky(np.repeat(lobe[..., None], 3, 2))))
+            model.rendered_parts(picture.pose, camera, Light(sky=Sky(np.repeat(lobe[..., None], 3, 2))))
             for lobe in sky_lobes()
         ]
-        alpha = np.maximum(frames[0].alpha[row, column], 1e-3)[:, None, None]
-        basis.append(np.stack([frame.rgb[row, column] for frame in frames], -1) / alpha)
+        alpha = np.maximum(frames[0].diffuse.alpha[row, column], 1e-3)[:, None, None]
+        for parts, kept in ((diffuse, "diffuse"), (specular, "specular")):
+            parts.append(np.stack([getattr(frame, kept).rgb[row, column] for frame in frames], -1) / alpha)
         shown.append(linear[row, column])
         uv.append(seen.uv[row, column])
         on_picture()
-    return LitPixels(np.concatenate(basis), np.concatenate(shown), np.concatenate(uv))
+    return LitPixels(*(np.concatenate(values) for values in (diffuse, specular, shown, uv)))
 
 
-def fitted_light(pixels: LitPixels, ratio: np.ndarray | None = None) -> Illumination:
-    """Fit the light to pixels. Its colour is not told apart from the skin's here, and left to the person's numbers.
+def fitted_light(pixels: LitPixels, ratio: np.ndarray) -> FittedLobes:
+    """Fit a light of one colour to pixels.
 
     Args:
         pixels: of one scene.
-        ratio: [P, 3] of the person's albedo over that of the basis; None: 1.
+        ratio: [P, 3] of the person's albedo over that of the pixels' `diffuse`.
     """
-    basis = pixels.basis if ratio is None else pixels.basis * ratio[..., None]
-    tint, lobes = np.ones(3), np.zeros(basis.shape[2])
-    mean_basis = basis.mean(1)
-    ridge = _RIDGE * np.sqrt(len(basis)) * mean_basis.mean() * np.eye(basis.shape[2])
+    step = max(1, len(pixels.shown) // _MOST_FITTED)
+    basis, shown = pixels.basis(ratio)[::step].astype(np.float64), pixels.shown[::step].astype(np.float64)
+    scale = 1 / (shown + _DARK)
+    weight, log_tint, lobes = np.ones_like(scale), np.zeros(3), np.zeros(basis.shape[2])
+    ridge = (_RIDGE * basis.mean() * scale.mean()) ** 2 * basis.shape[0] * np.eye(basis.shape[2])
+    error = np.zeros_like(scale)
     for _ in range(_ROUNDS):
-        grey = (pixels.shown / tint).mean(1)
-        weight = 1 / (grey + 0.05)
-        for _ in range(_REWEIGHTED):
-            stacked = np.concatenate([mean_basis * weight[:, None], ridge * weight.mean()])
-            lobes, _ = nnls(stacked, np.concatenate([grey * weight, np.zeros(len(ridge))]))
-            error = np.abs(mean_basis @ lobes - grey) / (grey + 0.05)
-            weight = 1 / (grey + 0.05) / np.sqrt(1 + (error / _OUTLIER) ** 2)
-        tint = np.exp(np.median(np.log((pixels.shown + 1e-3) / (basis @ lobes + 1e-3)), 0))
-    strength = np.exp(np.log(tint).mean())
-    return Illumination(lobes * strength, np.ones(3))
+        tinted = basis * np.exp(log_tint)[:, None]
+        columns = (tinted * (scale * weight)[..., None]).reshape(-1, basis.shape[2])
+        root = np.linalg.cholesky(columns.T @ columns + ridge)
+        lobes, _ = nnls(root.T, np.linalg.solve(root, columns.T @ (shown * scale * weight).ravel()))
+        error = (tinted @ lobes - shown) * scale
+        weight = 1 / np.sqrt(1 + (error / _OUTLIER) ** 2)
+        bright = np.log((shown + _LEAST_SHOWN) / (basis @ lobes + _LEAST_SHOWN))
+        log_tint = np.median(bright, 0)
+        log_tint -= log_tint.mean()
+    robust = float((_OUTLIER**2 * np.log1p((error / _OUTLIER) ** 2)).mean())
+    return FittedLobes(lobes, log_tint, robust + _TINT_COST * float(log_tint @ log_tint) / _TINT_DEVIATION**2)
 
 
 def _axes() -> np.ndarray:

@@ -86,19 +86,28 @@ class RelightablePipeline(Pipeline):
 
     def render(self, shot: Shot, progress: RenderProgress) -> Frame:
         """Render a frame; raises what `Renderer.render` raises."""
+        gbuffer = self.gbuffer_of(shot, progress)
+        if gbuffer is None:
+            return empty_frame(shot.camera.size_px)
+        with self.backend.threads_of_frame(gbuffer.crop.pixels):
+            return replace(self.developed(gbuffer, self.lit(gbuffer, shot)), is_lit=shot.light is not None)
+
+    def gbuffer_of(self, shot: Shot, progress: RenderProgress) -> GBuffer | None:
+        """Return this thread's last G-buffer if it shows the shot, else render it; None: no hand is in the picture."""
         progress.begin("pose")
         gbuffer = self._last.gbuffer
         if gbuffer is None or not gbuffer.shows(shot):
             posed = self.posed(shot)
             if posed is None:
-                return empty_frame(shot.camera.size_px)
+                return None
             gbuffer = self._last.gbuffer = self.gbuffer(posed, progress)
         progress.begin("light")
+        return gbuffer
+
+    def lit(self, gbuffer: GBuffer, shot: Shot) -> LightFeatures:
+        """Return what the shot's light, or the avatar's own, does at the rays' points."""
         light = shot.light or Light(sky=self.avatar.sky or _EVEN_SKY)
-        with self.backend.threads_of_frame(gbuffer.crop.pixels):
-            visibility = self.visibility(gbuffer, light)
-            features = self.features(gbuffer, visibility, light)
-            return replace(self.developed(gbuffer, features), is_lit=shot.light is not None)
+        return self.features(gbuffer, self.visibility(gbuffer, light), light)
 
     def gbuffer(self, posed: PosedShot, progress: RenderProgress) -> GBuffer:
         """Render all that does not depend on the light."""

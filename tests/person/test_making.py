@@ -24,7 +24,7 @@ from livehand.backend.surface.albedo_ratio import RATIO_STEP
 pytest.importorskip("cv2")
 pytestmark = pytest.mark.slow
 SIZE_PX, FOCAL_PX, VIEWS = (150, 190), 330.0, 6
-STAIN = np.array([-30, -45, -50], np.int8)  # steps of the logarithm, on one half of the atlas
+STAIN = np.array([-30, -46, -50], np.int8)  # steps of the logarithm between both halves of the atlas
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def bases():
 @pytest.fixture(scope="module")
 def truth(bases):
     steps = np.zeros((256, 256, 3), np.int8)
-    steps[:, :128] = STAIN
+    steps[:, :128], steps[:, 128:] = STAIN // 2, -STAIN // 2
     return bases.models[0.42].with_ratio(steps)
 
 
@@ -67,6 +67,15 @@ def hand(truth):
 def made(bases, hand):
     options = MakingOptions(resolution=256, rounds=1, with_flow=False)
     return made_person(bases.models[0.42], hand, bases.family, options)
+
+
+def test_a_frame_is_the_sum_of_its_parts(truth, hand):
+    picture = hand.pictures[1]
+    whole = truth.rendered(picture.pose, picture.camera, light())
+    diffuse, specular = truth.rendered_parts(picture.pose, picture.camera, light())
+    np.testing.assert_allclose(diffuse.rgb + specular.rgb, whole.rgb, atol=1e-5)
+    np.testing.assert_array_equal(diffuse.alpha, whole.alpha)
+    assert 0.02 < specular.rgb.sum() / whole.rgb.sum() < 0.5
 
 
 def test_the_numbers_come_back(made):
