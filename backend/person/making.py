@@ -22,6 +22,7 @@ from ..surface.atlas_texels import AtlasTexels
 from .completion import CompletedRatio, completed_ratio
 from .gathering import GatheredRatio, gathered_ratio
 from .illumination import Illumination, LitPixels, fitted_light, lit_pixels
+from .lamp_search import with_lamp
 from .model import PersonModel
 from .numbers import PixelTones, ToneFamily, fitted_melanin
 from .refit import refitted
@@ -43,6 +44,7 @@ class MakingOptions:
         with_flow: as in `gathered_ratio`, from the second round on: in the first the texture is not the person's.
         kept_low: as in `completed_ratio`.
         pictures: at most.
+        finds_lamps: look for a lamp beside the sky in each scene.
         fits_poses: fit poses and shape again, too.
     """
 
@@ -51,6 +53,7 @@ class MakingOptions:
     with_flow: bool = True
     kept_low: float = 0.75
     pictures: int = 36
+    finds_lamps: bool = True
     fits_poses: bool = True
 
 
@@ -91,8 +94,10 @@ def made_person(
     for round_index in range(options.rounds):
         tones = {scene: skin.at(of_scene) for scene, of_scene in pixels.items()}
         skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
-        fits = {scene: fitted_light(tone.pixels, tone.ratio(skin.melanin)) for scene, tone in tones.items()}
-        lights = {scene: Illumination(fit.lobes, np.exp(fit.log_tint)) for scene, fit in fits.items()}
+        if options.finds_lamps:
+            tones = {scene: with_lamp(base, tone, skin.melanin) for scene, tone in tones.items()}
+            skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
+        lights = {scene: _light(tone, skin.melanin) for scene, tone in tones.items()}
         model = base.with_ratio(_steps(texels, skin.log_ratio))
         with_flow = options.with_flow and round_index > 0
         gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, with_flow)
@@ -101,7 +106,7 @@ def made_person(
         log(_report(round_index, gathered, completed))
         skin = replace(skin, bare=completed.log_ratio - skin.melanin * skin.per_melanin)
         gain, tint = completed.numbers.log_gain, np.exp(completed.numbers.log_tint)
-        lights = {scene: Illumination(light.lobes * np.exp(gain), tint) for scene, light in lights.items()}
+        lights = {scene: light.stronger(gain, tint) for scene, light in lights.items()}
         model = base.with_ratio(_steps(texels, skin.log_ratio))
         made = MadePerson(model, texels, completed, gathered, lights)
     assert made is not None
@@ -141,6 +146,10 @@ class _AtlasTone:
         return PixelTones(pixels, *(self.texels.as_map(field)[row, column] for field in (self.bare, self.per_melanin)))
 
 
+def _light(tone: PixelTones, melanin: float) -> Illumination:
+    return Illumination.of(fitted_light(tone.pixels, tone.ratio(melanin)), tone.pixels.sources)
+
+
 def _steps(texels: AtlasTexels, log_ratio: np.ndarray) -> np.ndarray:
     return ratio_steps(torch.as_tensor(texels.as_map(log_ratio))).numpy()
 
@@ -178,7 +187,7 @@ def person_of_pictures(
     """
     if hand.is_calibrated:
         options = replace(options, with_flow=False, fits_poses=False)
-    early = replace(options, resolution=_EARLY_RESOLUTION, rounds=1, pictures=_EARLY_PICTURES)
+    early = replace(options, resolution=_EARLY_RESOLUTION, rounds=1, pictures=_EARLY_PICTURES, finds_lamps=False)
     base = shaped(bases.nearest(_FIRST_MELANIN), hand)
     for refits in _EARLY_REFITS if options.fits_poses else (0,):
         made = made_person(base, hand, bases.family, early, log)
