@@ -156,9 +156,7 @@ class PipJob:
         if self._code:
             errors = [line for line in self._lines if line.startswith("ERROR: ")]
             reason = (errors or self._lines or ["nothing"])[0].removeprefix("ERROR: ")
-            raise LiveHandError(
-                f"pip must {what}, got: {reason}; check the connection and Package Index, try again"
-            )
+            raise LiveHandError(f"pip must {what}, got: {reason}; check the connection and Package Index, try again")
 
     def cancel(self) -> None:
         """End pip at once and remove what it has downloaded."""

@@ -31,7 +31,6 @@ ROOT = Path(__file__).parents[2]
 PAGE = Path(__file__).with_name("page.html")
 MANIFEST = "blender_manifest.toml"
 INDEX_FILE = "package_index.txt"
-_BEFORE_TABLES = re.compile(r"^\[", re.MULTILINE)
 _BUILD_SECONDS = 900
 
 
@@ -151,14 +150,14 @@ def with_wheels(target: Target, wheels: Sequence[Wheel]) -> dict[str, object]:
 
 
 def edit_manifest(path: Path, keys: dict[str, object]) -> None:
-    """Set keys at the top of a manifest, and take out what tells how to build it from the repository."""
+    """Set keys below a manifest's first line, and take out what tells how to build it from the repository."""
     text = path.read_text(encoding="utf-8")
     for key in keys:
         text = re.sub(rf"^{key} = .*\n", "", text, flags=re.MULTILINE)
-    head, tables = (text[: (start := _BEFORE_TABLES.search(text).start())], text[start:])  # type: ignore[union-attr]
-    tables = re.sub(r"^(?:#.*\n)*\[build\]\n.*?(?=^\[|\Z)", "", tables, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^(?:#.*\n)*\[build\]\n.*?(?=^\[|\Z)", "", text, flags=re.MULTILINE | re.DOTALL)
     lines = "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in keys.items())
-    text = f"{head.rstrip()}\n{lines}\n{tables.rstrip()}\n"
+    first, _, others = text.partition("\n")
+    text = f"{first}\n{lines}{others.rstrip()}\n"
     assert tomllib.loads(text).items() >= keys.items()
     path.write_text(text, encoding="utf-8")
 

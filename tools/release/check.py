@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from .imports import imports_of, sources_of_zip
+from .imports import AT_ONCE, imports_of, sources_of_zip
 from .targets import TARGETS, System, Target
 from .wheels import Wheel, fits, unmet_requirements
 
@@ -71,7 +71,7 @@ def _licence_faults(wheels: Iterable[Wheel], licences: dict[str, int]) -> Iterat
     for wheel in wheels:
         if not licences.get(f"{wheel.name}-{wheel.version.public}.txt"):
             yield f"the licence of {wheel.name} is not in it"
-        if wheel.licence == "unstated":
+        if not wheel.licence and not wheel.licence_files:
             yield f"{wheel.name} does not state its licence"
 
 
@@ -80,6 +80,12 @@ def import_faults(path: Path, of_wheels: set[str]) -> list[str]:
     sources = sources_of_zip(path)
     imports = imports_of(sources)
     faults = [f"{module} is imported and not in it" for module in sorted(imports.modules - sources.keys())]
+    at_once = imports_of(sources, AT_ONCE, only_at_once=True).foreign
+    faults += [
+        f"{name} is imported by {min(at_once[name])} before a feature asks for it"
+        for name in OPTIONAL
+        if name in at_once and name not in of_wheels
+    ]
     given = of_wheels | OF_BLENDER | set(sys.stdlib_module_names)
     for name, by in sorted(imports.foreign.items()):
         allowed = OPTIONAL.get(name, ())

@@ -10,6 +10,8 @@ from pathlib import Path, PurePosixPath
 
 ENTRIES = ("__init__.py", "livehand_blender/registration.py", "backend/render/session.py")
 """Where Blender begins, and the road on which a frame is rendered."""
+AT_ONCE = (*ENTRIES, "backend/render/renderer.py", "backend/render/relightable.py", "backend/render/baked.py")
+"""What must import without any feature's own packages."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,10 @@ def sources_of_zip(path: Path) -> dict[PurePosixPath, str]:
         return {PurePosixPath(name): archive.read(name).decode("utf-8") for name in names}
 
 
-def imports_of(sources: Mapping[PurePosixPath, str], entries: Iterable[str] = ENTRIES) -> Imports:
-    """Follow the imports from the entries."""
+def imports_of(
+    sources: Mapping[PurePosixPath, str], entries: Iterable[str] = ENTRIES, only_at_once: bool = False
+) -> Imports:
+    """Follow the imports from the entries; `only_at_once`: those that run when a module is imported, not later."""
     waiting = [PurePosixPath(entry) for entry in entries]
     reached: set[PurePosixPath] = set()
     foreign: dict[str, set[PurePosixPath]] = {}
@@ -43,7 +47,8 @@ def imports_of(sources: Mapping[PurePosixPath, str], entries: Iterable[str] = EN
             continue
         reached.add(module)
         waiting += [init for folder in module.parents if (init := folder / "__init__.py") in sources]
-        for node in ast.walk(ast.parse(sources.get(module, ""))):
+        tree = ast.parse(sources.get(module, ""))
+        for node in _run_at_once(tree) if only_at_once else ast.walk(tree):
             if isinstance(node, ast.Import):
                 for alias in node.names:
                     foreign.setdefault(alias.name.partition(".")[0], set()).add(module)
@@ -52,6 +57,14 @@ def imports_of(sources: Mapping[PurePosixPath, str], entries: Iterable[str] = EN
             elif isinstance(node, ast.ImportFrom):
                 waiting += _relative(module, node, sources)
     return Imports(frozenset(reached), {name: frozenset(by) for name, by in foreign.items()})
+
+
+def _run_at_once(node: ast.AST) -> Iterator[ast.AST]:
+    yield node
+    is_typing = isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+    if not (is_typing or isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)):
+        for child in ast.iter_child_nodes(node):
+            yield from _run_at_once(child)
 
 
 def _relative(

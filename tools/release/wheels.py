@@ -80,16 +80,21 @@ class Wheel:
 
     @property
     def licence(self) -> str:
-        """Its licence in a line, as it calls it."""
+        """Its licence in a line, as it calls it; empty: its texts alone tell."""
         found = self.metadata.get("License-Expression") or self.metadata.get("License") or ""
         kinds = [line for line in self.metadata.get_all("Classifier") or () if line.startswith("License ::")]
-        return found.strip().partition("\n")[0] or "; ".join(kind.rpartition(" :: ")[2] for kind in kinds) or "unstated"
+        return found.strip().partition("\n")[0] or "; ".join(kind.rpartition(" :: ")[2] for kind in kinds)
+
+    @property
+    def licence_files(self) -> list[str]:
+        """The names of the licences' texts in it."""
+        return sorted(filter(_LICENCE.fullmatch, self.members))
 
     def licence_text(self) -> str:
         """Return its name, its licence, and the texts of the licences in it."""
-        texts = [f"{self.metadata['Name']} {self.version}\nLicense: {self.licence}\n"]
+        texts = [f"{self.metadata['Name']} {self.version}\nLicense: {self.licence or 'see below'}\n"]
         with zipfile.ZipFile(self.path) as archive:
-            for name in sorted(filter(_LICENCE.fullmatch, self.members)):
+            for name in self.licence_files:
                 texts.append(f"{name.partition('/')[2]}\n\n{archive.read(name).decode('utf-8', errors='replace')}")
         return f"\n{'-' * 80}\n".join(texts)
 
