@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+import urllib.parse
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,6 +43,7 @@ class Release:
         tool: the command of Blender's extension tool.
         out: folder of what is made.
         website: of the extension, for its manifest; empty: none.
+        zips_url, page_url: where zips and repository will lie, if not in one place; empty: they do.
         cpu_index: address of PyTorch's index for CPUs; empty: pip's own has those.
         pip_options: more of pip's.
     """
@@ -51,6 +53,8 @@ class Release:
     website: str = ""
     cpu_index: str = ""
     pip_options: tuple[str, ...] = ()
+    zips_url: str = ""
+    page_url: str = ""
 
 
 def blender_tool(blender: str | None) -> tuple[str, ...]:
@@ -87,8 +91,31 @@ def build_release(release: Release, targets: Sequence[Target]) -> list[str]:
             else:
                 say(f"{path.name}: {path.stat().st_size / 1e6:.1f} MB")
             shutil.rmtree(wheels, ignore_errors=True)
-    run(release, "server-generate", "--repo-dir", release.out / "repository", "--html", "--html-template", PAGE)
+    if targets:
+        repository = release.out / "repository"
+        run(release, "server-generate", "--repo-dir", repository, "--html", "--html-template", PAGE)
+        if release.zips_url:
+            part_from_zips(repository, release.zips_url.rstrip("/"), release.page_url.rstrip("/"))
     return missing
+
+
+def part_from_zips(repository: Path, zips_url: str, page_url: str) -> None:
+    """Let the index and the page of a repository name zips that lie elsewhere, as on a site with room for pages alone.
+
+    Args:
+        repository: its folder, as Blender's tool has made it.
+        zips_url: of the folder of the zips.
+        page_url: of the folder of the page.
+    """
+    index, page = repository / "index.json", repository / "index.html"
+    listed = json.loads(index.read_text(encoding="utf-8"))
+    for entry in listed["data"]:
+        entry["archive_url"] = f"{zips_url}/{entry['archive_url'].removeprefix('./')}"
+    index.write_text(json.dumps(listed, indent=2), encoding="utf-8")
+    links = page.read_text(encoding="utf-8").replace('href="./', f'href="{zips_url}/')
+    own = urllib.parse.urlencode({"repository": "./index.json"})
+    links = links.replace(own, urllib.parse.urlencode({"repository": f"{page_url}/index.json"}))
+    page.write_text(links, encoding="utf-8")
 
 
 def build_slim(release: Release, temporary: Path) -> Path:
@@ -103,6 +130,7 @@ def build_slim(release: Release, temporary: Path) -> Path:
     path = release.out / f"{built.stem}-slim.zip"
     run(release, "build", "--source-dir", stage, "--output-filepath", path)
     shutil.rmtree(stage)
+    say(f"{path.name}: {path.stat().st_size / 1e6:.1f} MB")
     return path
 
 
@@ -195,14 +223,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--blender", help="a Blender program, in place of Blender as a module")
     parser.add_argument("--website", default="", help="the extension's, for its manifest")
     parser.add_argument("--cpu-torch", default="", metavar="ADDRESS", help="PyTorch's index of torch for CPUs")
+    parser.add_argument("--zips-url", default="", help="where the zips will lie, if not beside the page")
+    parser.add_argument("--page-url", default="", help="where the page will lie then")
     parser.add_argument("--only", nargs="*", metavar="TARGET", help=f"of {', '.join(one.name for one in TARGETS)}")
     parser.add_argument("--pip", action="append", default=[], metavar="OPTION", help="for pip, as --pip=--no-index")
     args = parser.parse_args(arguments)
     targets = [one for one in TARGETS if args.only is None or one.name in args.only]
-    shutil.rmtree(args.out, ignore_errors=True)
-    args.out.mkdir(parents=True)
+    args.out.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(args.out / "repository", ignore_errors=True)
+    where = (args.zips_url, args.page_url)
     try:
-        release = Release(blender_tool(args.blender), args.out, args.website, args.cpu_torch, tuple(args.pip))
+        release = Release(blender_tool(args.blender), args.out, args.website, args.cpu_torch, tuple(args.pip), *where)
         missing = build_release(release, targets)
     except LiveHandError as error:
         missing = [str(error)]

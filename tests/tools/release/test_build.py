@@ -1,14 +1,16 @@
 """A release of a tiny extension: zips by Blender's own tool, their manifests, wheels, licences and repository."""
 
 import json
+import re
 import tomllib
+import urllib.parse
 import zipfile
 
 import pytest
 from livehand.backend.records.errors import LiveHandError
 from livehand.tests.tools.release.tiny import WANTED, write_extension, write_index
 from livehand.tools.release import build, wheels
-from livehand.tools.release.build import Release, blender_tool, build_release, edit_manifest
+from livehand.tools.release.build import Release, blender_tool, build_release, edit_manifest, part_from_zips
 from livehand.tools.release.targets import TARGETS
 
 BY_NAME = {target.name: target for target in TARGETS}
@@ -96,6 +98,20 @@ def test_the_index_of_packages_goes_into_the_zip_and_to_pip(release, monkeypatch
     assert asked == [["--no-index", "--extra-index-url", "https://example.org/cpu"]]
     with zipfile.ZipFile(release.out / "livehand-0.2.0-slim.zip") as archive:
         assert archive.read("package_index.txt") == b"https://example.org/cpu\n"
+
+
+def test_a_page_may_lie_elsewhere_than_its_zips(tmp_path):
+    (tmp_path / "index.json").write_text('{"version": "v1", "data": [{"archive_url": "./a-1.zip"}]}')
+    link = '<a href="./a-1.zip?repository=.%2Findex.json&blender_version_min=4.2.0">a</a>'
+    (tmp_path / "index.html").write_text(link)
+    part_from_zips(tmp_path, "https://example.org/zips", "https://example.com/page")
+    listed = json.loads((tmp_path / "index.json").read_text())
+    assert listed == {"version": "v1", "data": [{"archive_url": "https://example.org/zips/a-1.zip"}]}
+    (url,) = re.findall('href="(.*?)"', (tmp_path / "index.html").read_text())
+    address, _, query = url.partition("?")
+    assert address == "https://example.org/zips/a-1.zip"
+    wanted = {"repository": ["https://example.com/page/index.json"], "blender_version_min": ["4.2.0"]}
+    assert urllib.parse.parse_qs(query) == wanted
 
 
 def stop():
