@@ -159,7 +159,7 @@ def _download_arguments(package: Package, folder: Path) -> list[str]:
     wanted = folder / "requirements.txt"
     wanted.write_text(f"{package.requirement} --hash=sha256:{package.sha256}\n", encoding="utf-8")
     options = ["--no-deps", *package.options, "--dest", str(folder / "downloads"), "--requirement", str(wanted)]
-    return ["download", "--disable-pip-version-check", *options]
+    return ["download", "--disable-pip-version-check", "--progress-bar=off", *options]
 
 
 def _downloaded(package: Package, folder: Path) -> Path:

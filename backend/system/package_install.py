@@ -217,7 +217,7 @@ class PackageInstall:
             shutil.rmtree(temporary, ignore_errors=True)
             raise LiveHandError(f"{folder} must have {needed_mb:,} MB of free space, got {free_mb:,.0f}; make room")
         command = install_command(requirements, _unfinished(folder), index)
-        options = ["--only-binary=:all:", "--no-compile", "--no-warn-conflicts"]
+        options = ["--only-binary=:all:", "--no-compile", "--no-warn-conflicts", "--progress-bar=off"]
         options += ["--constraint", str(temporary / "held.txt")]
         arguments = command[command.index("install") :]
         return cls(folder, PipJob.start([*arguments, *options], temporary), expected_mb)

@@ -194,7 +194,7 @@ def test_the_command_names_python_folder_index_and_packages(tmp_path):
     assert install_command(WANTED)[4:] == ["install", "livehand-fake>=1", f"numpy=={np.__version__}"]
 
 
-def test_the_longest_file_of_torch_fits_into_a_windows_path():
+def test_the_longest_file_of_torch_fits_into_a_windows_path(monkeypatch):
     """The longest one of torch 2.12.1 for Windows, for a user's name of 20 letters, while it is installed, too."""
     inside = (
         "torch/include/ATen/native/transformers/cuda/mem_eff_attention/iterators/"
@@ -202,7 +202,8 @@ def test_the_longest_file_of_torch_fits_into_a_windows_path():
     )
     user = PureWindowsPath("C:/Users") / ("u" * 20) / "AppData"
     home = user / "Roaming/Blender Foundation/Blender/4.2/extensions/.user/user_default/livehand/packages"
-    unfinished = home / f"py311~{99999}"
+    monkeypatch.setattr(os, "getpid", lambda: 99999)
+    unfinished = package_install._unfinished(home / "py311")
     pips_own = user / "Local/Temp" / f"livehand~{99999}-abcdefgh" / "pip-target-abcdefgh" / "lib" / "python"
     assert len(inside) == 119
     assert max(len(str(folder / inside)) for folder in (home / "py311", unfinished, pips_own)) <= 259
