@@ -7,7 +7,7 @@ import bpy
 from .blender_command import BlenderCommand
 from .hands import hand_duplication, hand_selection
 from .motion import live as live_hands
-from .render import engine, memory
+from .render import engine, memory, package_folder
 from .render.viewport_shared import stop_rendered_views
 from .rig import properties
 from .scene import main_thread
@@ -21,6 +21,7 @@ from .ui import (
     motion,
     motion_files,
     operators,
+    packages,
     panels,
     person,
     picker,
@@ -36,6 +37,7 @@ from .ui import rigs as retarget
 CLASSES = (
     *properties.CLASSES,
     *operators.CLASSES,
+    *packages.CLASSES,
     *studio.CLASSES,
     *posing.CLASSES,
     *pose_library.CLASSES,
@@ -58,10 +60,12 @@ CLASSES = (
 
 def register() -> None:
     """Register everything; classes come first, because properties and menus refer to them."""
+    package_folder.use_packages()
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     properties.attach()
     panels.add_to_menus()
+    packages.add_to_header()
     motion_files.add_to_menus()
     video.add_to_menus()
     engine.register_panels()
@@ -89,7 +93,9 @@ def unregister() -> None:
     engine.unregister_panels()
     video.remove_from_menus()
     motion_files.remove_from_menus()
+    packages.remove_from_header()
     panels.remove_from_menus()
     properties.detach()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
+    package_folder.forget_packages()

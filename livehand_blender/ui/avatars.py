@@ -17,6 +17,7 @@ from ..rig.hand import RiggedHand
 from ..rig.sliders import read_beta
 from .avatar_library import AvatarLibrary
 from .mixins import HandTab, OnHand, Tab, polled_hand, reports_errors
+from .person import draw_person
 from .shape import set_beta
 
 _LARGE_SCALE, _SMALL_SCALE = 7.0, 5.0  # of icons
@@ -102,7 +103,7 @@ class LIVEHAND_PT_avatar(HandTab, bpy.types.Panel):
         column = layout.column()
         column.prop(armature.livehand, "skin")
         column.prop(armature.livehand, "avatar_path", text="File", placeholder="of your own")
-        layout.operator("livehand.person_from_pictures", text="From Film or Photographs", icon="FILE_MOVIE")
+        draw_person(layout, context)
 
 
 class LIVEHAND_PT_choose_avatar(Tab, bpy.types.Panel):

@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, IntProperty
 
 from ...backend.records.errors import LiveHandError
 from ...backend.system.packages import missing_requirements
-from ...backend.tracking.weights import FETCH_COMMAND, has_networks
+from ...backend.tracking.weights import has_networks
 from ..rig.hand import active_hand
 
 
@@ -60,10 +60,10 @@ class NeedsTracker:
     def poll(cls, context):
         """Enable it once the packages and the tracker's networks are there."""
         if missing_requirements():
-            cls.poll_message_set("Python packages are missing; see the Render panel")
+            cls.poll_message_set("Python packages are missing: press Install Packages at the top of the LiveHand tab")
             return False
         if not has_networks():
-            cls.poll_message_set(f"the hand tracker is missing; run in a terminal: {FETCH_COMMAND}")
+            cls.poll_message_set("The hand tracker is missing: press Get Hand Tracker in the Video panel")
             return False
         return True
 

@@ -7,9 +7,7 @@ from mathutils import Matrix
 
 from ...backend.hand.model import upright
 from ...backend.hand.model_file import DEFAULT_HAND, load_hand_model
-from ...backend.system.packages import install_command, missing_requirements
 from ..light.studio import add_studio
-from ..render.hand_source import packages_folder
 from ..render.memory import free_memory
 from ..rig.build import add_hand
 from ..rig.hand import RiggedHand
@@ -87,29 +85,6 @@ class LIVEHAND_OT_set_engine(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class LIVEHAND_OT_copy_install_command(bpy.types.Operator):
-    """Copy the command that installs the missing Python packages; LiveHand itself installs nothing."""
-
-    bl_idname = "livehand.copy_install_command"
-    bl_label = "Copy Install Command"
-    bl_options = {"INTERNAL"}
-
-    @classmethod
-    def poll(cls, context):
-        """Enable it while a package is missing."""
-        if not missing_requirements():
-            cls.poll_message_set("no package is missing")
-            return False
-        return True
-
-    def execute(self, context):
-        """Copy the command to the clipboard, and report it."""
-        command = install_command(missing_requirements(), packages_folder())
-        context.window_manager.clipboard = command
-        self.report({"INFO"}, f"Copied: {command}")
-        return {"FINISHED"}
-
-
 class LIVEHAND_OT_free_memory(bpy.types.Operator):
     """Unload the avatars and free their memory, including the GPU's; the next render loads them again."""
 
@@ -128,5 +103,4 @@ CLASSES = (
     LIVEHAND_OT_reset_pose,
     LIVEHAND_OT_set_engine,
     LIVEHAND_OT_free_memory,
-    LIVEHAND_OT_copy_install_command,
 )

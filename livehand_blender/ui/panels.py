@@ -2,14 +2,12 @@
 
 import bpy
 
-from ...backend.system.packages import missing_requirements
 from ..render.panels import draw_mode
 from ..rig.hand import active_hand
 from ..rig.sliders import slider_path
 from ..scene.settings import ENGINE
 from .avatars import draw_choice
 from .mixins import HandTab, Tab, polled_hand
-from .preferences import draw_install_help
 from .shape import shape_names
 from .studio import draw_studio
 
@@ -81,7 +79,7 @@ class LIVEHAND_PT_render(Tab, bpy.types.Panel):
     bl_label = "Render"
 
     def draw(self, context):
-        """Draw engine, settings, and missing packages."""
+        """Draw engine and settings."""
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -96,7 +94,6 @@ class LIVEHAND_PT_render(Tab, bpy.types.Panel):
             column.prop(context.scene.livehand, name)
         draw_studio(layout, context.scene, context.view_layer)
         layout.operator("livehand.free_memory", icon="TRASH")
-        draw_install_help(layout, missing=bool(missing_requirements()))
 
 
 CLASSES = (LIVEHAND_PT_hand, LIVEHAND_PT_shape, LIVEHAND_PT_match_plate, LIVEHAND_PT_render)

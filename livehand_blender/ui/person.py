@@ -12,9 +12,11 @@ from bpy_extras.io_utils import ImportHelper
 from ...backend.person.job import PersonJob
 from ...backend.person.sources import FILM_SUFFIXES
 from ...backend.records.errors import LiveHandError
+from ...backend.system.packages import PICTURES, missing_of
 from ..render.hand_source import set_avatar
 from ..rig.hand import active_hand
 from .mixins import NeedsTracker
+from .packages import draw_packages
 from .preferences import library_folder
 
 _INTERVAL_S = 0.25
@@ -39,6 +41,14 @@ class LIVEHAND_OT_person_from_pictures(NeedsTracker, bpy.types.Operator, ImportH
     person_name: StringProperty(name="Name", description="Of the person; the avatar's file is named by it")
     consent: StringProperty(name="Consent", description="What the person agreed to; kept in the avatar")
     side: EnumProperty(name="Hand", items=_SIDES)
+
+    @classmethod
+    def poll(cls, context):
+        """Enable it once what it needs is there."""
+        if missing_of(PICTURES):
+            cls.poll_message_set("Python packages are missing: press Install Packages in the Avatar panel")
+            return False
+        return super().poll(context)
 
     def execute(self, context):
         """Start; in a window, Blender then calls `modal` by a timer, else it waits."""
@@ -95,6 +105,15 @@ class LIVEHAND_OT_person_from_pictures(NeedsTracker, bpy.types.Operator, ImportH
         for note in result["notes"]:
             self.report({"WARNING"}, str(note))
         return {"FINISHED"}
+
+
+def draw_person(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the button, or how to install what it needs."""
+    if missing_of(PICTURES):
+        layout.label(text="From Film or Photographs:")
+        draw_packages(layout, context, "PICTURES")
+    else:
+        layout.operator("livehand.person_from_pictures", text="From Film or Photographs", icon="FILE_MOVIE")
 
 
 def _source(chosen: Path) -> Path:

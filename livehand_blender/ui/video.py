@@ -17,7 +17,7 @@ from ...backend.hand.model_file import load_default_hand
 from ...backend.motion.landmarks.take_file import FilmedTake, unmirrored, warning_of
 from ...backend.motion.landmarks.take_fit import FilmCamera, TakeFit, fit_take
 from ...backend.records.side import Side
-from ...backend.tracking.weights import FETCH_COMMAND, has_networks
+from ...backend.tracking.weights import has_networks
 from ..motion.film_scene import film_camera, hand_of_side, match_film, new_hand
 from ..motion.filmed import key_take
 from ..motion.keying import Placement
@@ -25,6 +25,7 @@ from ..motion.movie import Movie
 from ..rig.sliders import read_beta
 from .live import draw_live
 from .mixins import HandTab, NeedsTracker, reports_errors
+from .packages import draw_tracker
 
 _FILM_MM = 36.0
 _PATTERN = "*.mp4;*.mov;*.m4v;*.mkv;*.webm;*.avi;*.mts"
@@ -109,21 +110,6 @@ class LIVEHAND_OT_import_video(NeedsTracker, bpy.types.Operator, ImportHelper):
         return unmirrored(take) if self.is_picture_mirrored else take
 
 
-class LIVEHAND_OT_copy_fetch_command(bpy.types.Operator):
-    """Copy the command that fetches the hand tracker's networks; LiveHand itself downloads nothing."""
-
-    bl_idname = "livehand.copy_fetch_command"
-    bl_label = "Copy Tracker Command"
-    bl_options = {"INTERNAL"}
-
-    def execute(self, context):
-        """Copy the command to the clipboard, and report it."""
-        program = f'"{bpy.app.binary_path}" --command ' if bpy.app.binary_path else ""
-        context.window_manager.clipboard = program + FETCH_COMMAND
-        self.report({"INFO"}, f"Copied: {program}{FETCH_COMMAND}")
-        return {"FINISHED"}
-
-
 class LIVEHAND_PT_video(HandTab, bpy.types.Panel):
     """Hands from videos."""
 
@@ -134,15 +120,12 @@ class LIVEHAND_PT_video(HandTab, bpy.types.Panel):
         """Import and live hands, or how to fetch the tracker."""
         if has_networks():
             self.layout.operator("livehand.import_video", text="Import Video", icon="FILE_MOVIE")
-            draw_live(self.layout)
+            draw_live(self.layout, context)
             return
-        column = self.layout.column(align=True)
-        column.label(text="Videos need the hand tracker:", icon="INFO")
-        column.label(text="run the copied command in a terminal.")
-        column.operator("livehand.copy_fetch_command", icon="COPYDOWN")
+        draw_tracker(self.layout)
 
 
-CLASSES = (LIVEHAND_OT_import_video, LIVEHAND_OT_copy_fetch_command, LIVEHAND_PT_video)
+CLASSES = (LIVEHAND_OT_import_video, LIVEHAND_PT_video)
 
 
 def add_to_menus() -> None:

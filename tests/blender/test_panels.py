@@ -12,7 +12,6 @@ from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.sliders import SLIDERS
 from livehand.livehand_blender.ui import avatars, compositing, hand_model, motion, panels, picker
 from livehand.livehand_blender.ui import rigs as retarget
-from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 
 UI = bpy.types.UILayout.bl_rna.functions
 MODULES = (avatars, hand_model, motion, panels, picker, retarget)
@@ -72,6 +71,11 @@ class Layout:
         self.drawn.append(arguments["text"])
         self.parts.append((arguments["text"], "icon" in arguments))
 
+    def progress(self, **arguments):
+        check_arguments("progress", arguments)
+        self.drawn.append((arguments["text"], arguments["factor"]))
+        self.parts.append((arguments["text"], False))
+
     def prop(self, owner, name, **arguments):
         check_arguments("prop", arguments)
         assert name in owner.bl_rna.properties or owner.path_resolve(name) is not None
@@ -88,7 +92,8 @@ class Layout:
 
     def operator(self, name, **arguments):
         check_arguments("operator", arguments)
-        rna = getattr(bpy.ops.livehand, name.partition(".")[2]).get_rna_type()
+        module, _, function = name.partition(".")
+        rna = getattr(getattr(bpy.ops, module), function).get_rna_type()
         self.drawn.append(name)
         self.parts.append((arguments.get("text", rna.name), "icon" in arguments))
         return OperatorSettings(rna, self.drawn)
@@ -211,15 +216,6 @@ def test_the_render_panel_offers_the_engine_until_it_is_set():
     bpy.ops.livehand.set_engine()
     assert draw(panels.LIVEHAND_PT_render)[:5] == ["mode", "light", "blur_samples", "device", "precision"]
     assert {"skin_detail", "keep_look"} <= set(draw(panels.LIVEHAND_PT_render))
-
-
-@pytest.mark.parametrize("panel", [panels.LIVEHAND_PT_render, LIVEHAND_AP_preferences])
-def test_missing_packages_are_named_with_a_way_to_install_them(panel, monkeypatch):
-    assert "livehand.copy_install_command" not in draw(panel)
-    fake = dependencies.Requirement("no_such_module_of_livehand", "fake>=1")
-    monkeypatch.setattr(dependencies, "REQUIREMENTS", (fake,))
-    monkeypatch.setattr("livehand.livehand_blender.ui.preferences.REQUIREMENTS", (fake,))
-    assert "livehand.copy_install_command" in draw(panel)
 
 
 @pytest.mark.parametrize(

@@ -123,10 +123,3 @@ def test_text_is_no_movie_for_blender_either(tmp_path):
     with pytest.raises(LiveHandError, match="must be a movie that Blender reads"):
         Movie(tmp_path / "a.mp4")
     assert len(bpy.data.scenes) == 1
-
-
-def test_without_the_tracker_the_command_is_copied(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    assert not bpy.ops.livehand.import_video.poll()
-    bpy.ops.livehand.copy_fetch_command()
-    assert bpy.context.window_manager.clipboard.endswith("livehand fetch-tracker") or bpy.app.background
