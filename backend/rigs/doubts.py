@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..hand.model import JOINT_NAMES
+from ..motion import gate
 from ..motion.motion import HandMotion
-from .natural_range import unnatural_joints
 from .rest_alignment import RestAlignment
 from .shape_fit import MOST_BETA
 
@@ -41,8 +41,7 @@ def rest_doubts(alignment: RestAlignment) -> str | None:
 
 def motion_doubts(alignment: RestAlignment, motion: HandMotion) -> str | None:
     """Join all that speaks against a motion and its alignment; None: nothing."""
-    unnatural = unnatural_joints(alignment.model, motion)
-    found = [*([unnatural] if unnatural else []), *fit_doubts(alignment), *_missing(alignment)]
+    found = [*gate.motion_doubts(alignment.model, motion), *fit_doubts(alignment), *_missing(alignment)]
     return "; ".join(found) or None
 
 

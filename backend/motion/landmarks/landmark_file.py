@@ -20,7 +20,7 @@ from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
 from ..document import Document
 from ..motion import HandMotion
-from ..pose_file import METRES, FileInfo, check_changes, with_gaps_filled
+from ..pose_file import METRES, FileInfo, check_changes, with_frames, with_gaps_filled
 from ..resampling import smoothed
 from .fit import METRIC, MONOCULAR, LandmarkFit, fit_landmarks, likelier_side, palm_m, side_errors
 from .picture_camera import PictureCamera, lifted
@@ -88,8 +88,7 @@ class LandmarkFile:
             info = replace(info, side=_other(info.side))
         camera = picture_camera or self.picture_camera
         file = replace(self, info=info, is_picture_mirrored=is_mirrored, picture_camera=camera)
-        span = _span(file._track)
-        return replace(file, info=replace(info, frames=span, missing=span - len(file.frame_indices)))
+        return replace(file, info=with_frames(info, file.frame_indices))
 
     def fit(self, model: HandModel) -> LandmarkFit:
         """Fit the hand model to the landmarks, in the frames with a hand.
@@ -204,10 +203,6 @@ def _has_translation(points: np.ndarray) -> bool:
     centre = points.mean(1, keepdims=True)
     radius = np.linalg.norm(points - centre, axis=-1).max()
     return bool(np.linalg.norm(centre, axis=-1).max() > radius / 2)
-
-
-def _span(track: Track) -> int:
-    return int(track.frame_indices[-1] - track.frame_indices[0]) + 1
 
 
 def _other(side: Side) -> Side:

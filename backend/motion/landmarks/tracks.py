@@ -21,7 +21,7 @@ class Track(NamedTuple):
 
     Attributes:
         points: [N, 21, 3] in MediaPipe's order, in the file's unit; only frames with the hand.
-        frame_indices: [N] increasing.
+        frame_indices: [N] increasing from the recording's first frame, 0.
         label: which hand the file says it is; None if it does not.
         is_own: the label is surely the hand's own.
     """
@@ -61,7 +61,8 @@ def follow_hands(recording: Recording) -> Tracks:
     kind = next(one for one in KINDS if one in kinds)
     frames = {number: [hand for hand in hands if hand.kind == kind] for number, hands in frames.items()}
     by_hand, notes = _by_hand(frames)
-    tracks = tuple(_track(frames_of_hand) for frames_of_hand in by_hand if frames_of_hand)
+    first = min(recording.frames)
+    tracks = tuple(_track(frames_of_hand, first) for frames_of_hand in by_hand if frames_of_hand)
     every = [hand for hands in frames.values() for hand in hands]
     is_mediapipe = all(hand.is_mediapipe for hand in every)
     all_points = np.concatenate([track.points for track in tracks])
@@ -107,11 +108,11 @@ def _of_single_hands(seen: dict[int, Sighting]) -> tuple[list[dict[int, Sighting
     return [{number: hand for number, hand in seen.items() if sides.get(number) == side} for side in SIDES], ()
 
 
-def _track(frames: Mapping[int, Sighting]) -> Track:
+def _track(frames: Mapping[int, Sighting], first: int) -> Track:
     numbers = sorted(frames)
     labels = [frames[number].label for number in numbers]
     known = [label for label in labels if label is not None]
     lefts = sum(label.side == "left" for label in known)
     side: Side = "left" if 2 * lefts > len(known) else "right"
     points = np.stack([frames[number].points for number in numbers])
-    return Track(points, np.array(numbers), side if known else None, all(label.is_own for label in known))
+    return Track(points, np.array(numbers) - first, side if known else None, all(label.is_own for label in known))

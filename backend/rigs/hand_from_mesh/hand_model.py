@@ -23,11 +23,12 @@ from ...hand.atlas import unwrap
 from ...hand.cap import capped
 from ...hand.model import JOINT_NAMES, MIRROR_POINT, PARENTS
 from ...hand.model_file import load_default_hand
+from ...motion.gate import motion_doubts
 from ...records.errors import LiveHandError
 from ...records.side import Side
 from ...system.files import replacing
 from ...system.readers import npz_bytes
-from ..natural_range import rest_pose, unnatural_joints
+from ..natural_range import is_natural, rest_pose
 from ..rest_alignment import RestAlignment, align, completed_joints
 from ..source_skeleton import JointMap, SourceSkeleton
 from .cut import HandCut, Wrist, cut_hand
@@ -297,8 +298,9 @@ def _arrays(
 
 def _check_pose(alignment: RestAlignment) -> None:
     """Raise `LiveHandError` if the bones at rest are in a pose that no hand can have."""
-    said = unnatural_joints(alignment.model, rest_pose(alignment))
-    if said:
+    rest = rest_pose(alignment)
+    if not is_natural(alignment.model, rest):
+        said = "; ".join(motion_doubts(alignment.model, rest))
         raise LiveHandError(
             f"a hand must rest in a pose that a hand can have, got one in which {said}; correct which bone is which "
             "joint, or the rest pose"
