@@ -174,7 +174,7 @@ def body(tmp_path, name, up, **more):
 
 @pytest.mark.parametrize(("up", "space"), [((0, 0, 1), "z_up"), ((0, 1, 0), "y_up"), ((0, -1, 0), "opencv")])
 def test_a_bodys_own_axis_tells_which_is_up(tmp_path, up, space):
-    up = np.array(up) + [0.3, 0.2, 0.3]
+    up = np.add(up, [0.3, 0.2, 0.3])
     opened(body(tmp_path, "a.npz", up / np.linalg.norm(up)), space=space, format="AMASS SMPL-X")
     root = Rotation.align_vectors([up], [[0.0, 1, 0]])[0].as_rotvec()
     np.savez(tmp_path / "x.npz", global_orient=[root], body_pose=np.zeros((1, 21, 3)), left_hand_pose=np.zeros((1, 45)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
-from .picture_camera import looks_like_picture
+from .picture_camera import is_shifted_picture, looks_like_picture
 from .recording import EXAMPLE, Recording
 from .sighting import KINDS, Sighting
 
@@ -39,12 +39,14 @@ class Tracks(NamedTuple):
         hands: each with a label of its own if there are two.
         is_mediapipe: the points are MediaPipe's, not WebXR's.
         is_picture: the coordinates are a picture's, not metres.
+        is_shifted: they were a picture's, and have been moved or scaled since.
         notes: what the user should know.
     """
 
     hands: tuple[Track, ...]
     is_mediapipe: bool
     is_picture: bool
+    is_shifted: bool
     notes: tuple[str, ...]
 
 
@@ -67,7 +69,12 @@ def follow_hands(recording: Recording) -> Tracks:
     is_mediapipe = all(hand.is_mediapipe for hand in every)
     all_points = np.concatenate([track.points for track in tracks])
     is_picture = kind == "picture" or (kind == "points" and is_mediapipe and looks_like_picture(all_points))
-    return Tracks(tracks, is_mediapipe, is_picture, notes)
+    is_shifted = kind == "points" and is_mediapipe and not is_picture and _are_shifted(tracks)
+    return Tracks(tracks, is_mediapipe, is_picture, is_shifted, notes)
+
+
+def _are_shifted(tracks: tuple[Track, ...]) -> bool:
+    return all(is_shifted_picture(track.points) for track in tracks)
 
 
 def _is_there(hand: Sighting) -> bool:
