@@ -28,6 +28,7 @@ from ...backend.rigs.doubts import motion_doubts
 from ...backend.rigs.natural_range import is_natural, rest_pose
 from ...backend.rigs.rest_alignment import RestAlignment, align
 from ...backend.rigs.retarget import retarget
+from ..hands.followed_skin import SOURCE_ROLE
 from ..rig.armature import rest_frames
 from ..rig.carrier import Carrier
 from ..rig.drivers import drive_by_sliders
@@ -37,7 +38,7 @@ from ..rig.sliders import write_slider
 from .source import SourceRig, align_hand, posed_skeleton, sample_source, set_shape
 
 FOLLOW, FOLLOW_PLACE = "Follow Other Rig", "Follow Other Rig's Wrist"
-_SOURCE, _FITTED, _FOLLOWING = "SRC", "FIT", "FOL"
+_SOURCE, _FITTED, _FOLLOWING = SOURCE_ROLE, "FIT", "FOL"
 _LENGTH_M = 0.01
 
 
