@@ -6,6 +6,7 @@ MANO's own mean and components are never at hand: a made-up mean, and made-up or
 import json
 import os
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -546,3 +547,68 @@ def test_a_reading_in_words(tmp_path):
     assert facts["angles"] == "45 components (needs a MANO file)"
     assert facts["axes"] == "camera, y down, z forward"
     assert facts["place"] == "in the file"
+
+
+# HOT3D, and files that come with poses but hold none.
+
+
+def test_hot3ds_trajectories_are_components_with_times(tmp_path):
+    def hand(k):
+        quaternion = Rotation.from_rotvec(POSE[k, :3]).as_quat()[[3, 0, 1, 2]]
+        wrist = {"q_wxyz": quaternion.tolist(), "t_xyz": TRANS[k].tolist()}
+        return {"pose": POSE[k, 3:18].tolist(), "wrist_xform": wrist, "betas": BETA.tolist()}
+
+    times = [0, 33_333_333, 66_666_666, 133_333_333]
+    poses = [{}, {"1": hand(1)}, {"1": hand(2), "0": hand(0)}, {"1": hand(3)}]
+    lines = [{"timestamp_ns": t, "hand_poses": each} for t, each in zip(times, poses, strict=True)]
+    path = tmp_path / "mano_hand_pose_trajectory.jsonl"
+    path.write_text("\n".join(map(json.dumps, lines)))
+    file = opened(path, format="HOT3D", has_mean_added=False, pca_components=15, first=1, frames=4, missing=1)
+    assert file.info.fps == pytest.approx(30, abs=1e-3)
+    motion = file.motion(BASIS)
+    expected = (POSE[1:, 3:18] @ COMPONENTS[:15]).reshape(3, 15, 3) + MEAN
+    same_turns(motion.theta[[0, 1, 3], 1:], expected)
+    same_turns(motion.theta[[0, 1, 3], 0], POSE[1:, :3])
+    np.testing.assert_allclose(motion.transl[[0, 1, 3]], TRANS[1:])
+    assert file.with_changes(side="left").info.first == 2
+    path.write_text(json.dumps({"timestamp_ns": 0, "hand_poses": {"0": {"joint_angles": [0.0] * 22}}}))
+    with pytest.raises(LiveHandError, match=r"UmeTrack's joint angles .* mano_hand_pose_trajectory\.jsonl"):
+        open_pose_file(path)
+
+
+def test_hot3ds_clips_are_files_of_one_frame(tmp_path):
+    for k in range(T):
+        pose = {"thetas": POSE[k, 3:18].tolist(), "wrist_xform": [*POSE[k, :3], *TRANS[k]]}
+        content = {"right": {"mano_pose": pose, "boxes": {}}}
+        (tmp_path / f"{k:06d}.hands.json").write_text(json.dumps(content))
+    motion = opened(tmp_path, format="HOT3D", frames=T, pca_components=15).motion(BASIS)
+    same_turns(motion.theta[:, 0], POSE[:, :3])
+    np.testing.assert_allclose(motion.transl, TRANS)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("InterHand2.6M_test_camera.json", {"0": {"campos": {}, "camrot": {}}}, "MANO_NeuralAnnot"),
+        ("InterHand2.6M_test_joint_3d.json", {"0": {"5": {"world_coord": [], "joint_valid": []}}}, "MANO_NeuralAnnot"),
+        ("InterHand2.6M_test_data.json", {"images": [], "annotations": []}, "MANO_NeuralAnnot"),
+        ("umetrack.json", [{"joint_angles": [0.1] * 22, "wrist_xform": {}}], "UmeTrack"),
+        ("glove.csv", "Frame,Index_MCP_Spread,Index_MCP_Stretch\n0,1,2\n", "joint angles .* FBX or BVH"),
+        ("take.mvnx", "<mvnx/>", "Xsens MVN: export BVH or FBX"),
+        ("scene.casc", "", "Cascadeur: export FBX"),
+        ("take.uasset", "", "Unreal: export the take"),
+        ("meta.yml", "", r"DexYCB's poses are in labels_"),
+        ("film.mp4", "", "livehand track"),
+    ],
+)
+def test_a_file_without_poses_names_the_one_that_is_meant(tmp_path, name, content, words):
+    path = tmp_path / name
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    with pytest.raises(LiveHandError, match=f"(?s)^{re.escape(str(path))} must .*{words}"):
+        open_motion_file(path)
+
+
+def test_an_unknown_files_keys_are_counted(tmp_path):
+    np.savez(tmp_path / "many.npz", **{f"key{k:03d}": np.zeros(1) for k in range(300)})
+    with pytest.raises(LiveHandError, match=r"got keys key000, .*key011 and 288 more; a landmark file"):
+        open_motion_file(tmp_path / "many.npz")

@@ -6,15 +6,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
-from ...system.files import is_folder
-from ..document import SUFFIXES, load_document
-from ..formats import arctic, body, dexycb, freihand, grab, hamer, ho3d, own, raw, wilor_frames
+from ...system.files import is_file, is_folder
+from ..document import SUFFIXES, Document, load_document
+from ..formats import arctic, body, dexycb, freihand, grab, hamer, ho3d, hot3d, own, raw, wilor_frames
 from ..formats.format import Format
 from ..formats.neural_annot import is_neural_annot, read_neural_annot
 from ..gate import bends_backwards
@@ -23,6 +22,7 @@ from ..landmarks.recording import EXAMPLE
 from ..landmarks.take_file import TakeFile, is_take, read_take
 from ..motion import MOST_FRAMES, shared
 from ..pose_file import NoHandError, PoseFile, RawHand
+from .other_files import advice, advice_by_suffix
 
 # The most specific first: the first format that matches reads the document.
 FORMATS: tuple[Format, ...] = (
@@ -35,6 +35,7 @@ FORMATS: tuple[Format, ...] = (
     arctic.FORMAT,
     dexycb.FORMAT,
     ho3d.FORMAT,
+    hot3d.FORMAT,
     freihand.FORMAT,
     raw.FORMAT,
 )
@@ -67,23 +68,34 @@ def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
         return open_pose_files(pose_files_in(path))
     if is_neural_annot(path):
         return read_neural_annot(path, capture)
+    if is_file(path) and (words := advice_by_suffix(path)):
+        raise LiveHandError(f"{path} must be a pose file ({', '.join(SUFFIXES)}), got {path.suffix}: {words}")
     document = load_document(path)
     for known in FORMATS:
         if known.matches(document):
             return known.read(document)
     if is_take(document):
         return read_take(document)
-    if is_landmarks(document):
+    is_table = path.suffix.lower() == ".csv"  # of which is known only while it is read whether it has landmarks
+    if not is_table and is_landmarks(document):
+        return read_landmarks(document)
+    if words := advice(document.content):
+        raise LiveHandError(f"{path} must hold poses or landmarks, got {words}")
+    if is_table and is_landmarks(document):
         return read_landmarks(document)
     names = ", ".join(known.name for known in FORMATS)
-    got = _kind(document.content)
-    raise LiveHandError(f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {got}; {EXAMPLE}")
+    raise LiveHandError(
+        f"{path} must be of a known format ({names}, InterHand2.6M NeuralAnnot, landmarks), got {_kind(document)}; "
+        f"{EXAMPLE}"
+    )
 
 
-def _kind(content: Any) -> str:
+def _kind(document: Document) -> str:
     """Say in words what a document is."""
+    content = document.content
     if isinstance(content, dict):
-        return f"keys {sorted(content)[:12]}"
+        packed = f", and Python objects in {', '.join(sorted(document.packed)[:4])}" if document.packed else ""
+        return f"keys {document.keys_in_words}{packed}"
     return f"an array {list(content.shape)}" if isinstance(content, np.ndarray) else f"a {type(content).__name__}"
 
 
