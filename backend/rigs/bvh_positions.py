@@ -58,9 +58,11 @@ def with_offsets(text: str) -> str | None:
 
 def _lacks_offset(joint: _Joint, frames: np.ndarray) -> bool:
     """Tell whether a joint's translations are nearer to none than to its OFFSET."""
-    places = frames[:, [joint.positions[axis] for axis in range(3)]].mean(0)
+    positions = frames[:, [joint.positions[axis] for axis in range(3)]].mean(0)
     length = float(np.linalg.norm(joint.offset))
-    return bool(np.linalg.norm(places - joint.offset) > _NEAR * length and np.linalg.norm(places) < _NEAR * length)
+    return bool(
+        np.linalg.norm(positions - joint.offset) > _NEAR * length and np.linalg.norm(positions) < _NEAR * length
+    )
 
 
 def _joints(words: list[str]) -> tuple[list[_Joint], int]:

@@ -105,8 +105,8 @@ def read_transforms(
             what = f"{error} is missing" if isinstance(error, KeyError) else error
             faults.setdefault(str(what), []).append(str(name))
     if faults or not frames:
-        told = [_fault(what, of_frames) for what, of_frames in faults.items()]
-        raise LiveHandError.of_faults(str(path), told or ["frames must not be empty"])
+        found = [_fault(what, of_frames) for what, of_frames in faults.items()]
+        raise LiveHandError.of_faults(str(path), found or ["frames must not be empty"])
     return frames
 
 

@@ -48,7 +48,7 @@ def _read(document: Document) -> PoseFile:
 
 
 def _frames(document: Document, lines: list[Any]) -> tuple[list[int], float]:
-    """Number the lines from 0 by their times, and find the rate."""
+    """Find the frame of each line, from 0, by its time, and the rate."""
     times = [line.get("timestamp_ns") for line in lines if isinstance(line, Mapping)]
     if len(times) < 2 or len(times) < len(lines) or any(time is None for time in times):
         return list(range(len(lines))), _FPS
@@ -60,7 +60,7 @@ def _frames(document: Document, lines: list[Any]) -> tuple[list[int], float]:
 
 
 def _rows(document: Document, line: Any, side: Side) -> Iterator[np.ndarray]:
-    """Yield [31] wrist, 15 components, place and shape of the hand, if the line has it."""
+    """Yield the wrist, 15 components, place and shape [31] of the hand, if the line has it."""
     poses = line.get("hand_poses") if isinstance(line, Mapping) else None
     if isinstance(poses, Mapping) and isinstance(hand := poses.get(_KEYS[side]), Mapping):
         if "pose" not in hand or not isinstance(hand.get("wrist_xform"), Mapping):

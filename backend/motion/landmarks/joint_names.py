@@ -76,12 +76,12 @@ def read_joint_name(name_words: list[str], is_thumb_as_finger: bool = False) -> 
     return JointName(4 * finger + place if place else None, rest[1] in _OF_PICTURES)
 
 
-def _place(rest: list[str], places: dict[str, int]) -> int | None:
+def _place(rest: list[str], along: dict[str, int]) -> int | None:
     """Find the place along a finger of a joint's word or number, or of an end of a bone."""
     if rest in (["intermediate", "base"], ["intermediate", "tip"]):  # the joints at the ends of the intermediate bone
         return 2 if rest[1] == "base" else 3
     if len(rest) == 1:
-        return int(rest[0]) if rest[0] in "01234" else places.get(rest[0])
-    if len(rest) != 2 or rest[0] not in places:
+        return int(rest[0]) if rest[0] in "01234" else along.get(rest[0])
+    if len(rest) != 2 or rest[0] not in along:
         return None
-    return places[rest[0]] if rest[1] in _STARTS else places[rest[0]] + 1 if rest[1] in _ENDS else None
+    return along[rest[0]] if rest[1] in _STARTS else along[rest[0]] + 1 if rest[1] in _ENDS else None

@@ -20,7 +20,7 @@ _LANDMARK_KEYS = (
 )
 _HAND_KEYS = ("handedness", "hand", "handlabel", "label", "side", "handtype", "type", "handindex", "handid")
 _COUNTS = (21, 25, 26)
-_PLACES = ("", "position", "pos", "world", "location", "translation")  # before the axis, in a coordinate's column
+_BEFORE_AXIS = ("", "position", "pos", "world", "location", "translation")  # before the axis, in a coordinate's column
 
 
 class _Column(NamedTuple):
@@ -40,7 +40,7 @@ def table_frames(columns: Mapping[str, np.ndarray]) -> list[list[Sighting]]:
     """
     plain = {plain_key(name): values for name, values in columns.items()}
     landmark = next((key for key in _LANDMARK_KEYS if key in plain), None)
-    place = next((place for place in _PLACES if all(place + axis in plain for axis in "xyz")), None)
+    place = next((place for place in _BEFORE_AXIS if all(place + axis in plain for axis in "xyz")), None)
     if landmark is not None and place is not None:
         return _frames_of_rows({**plain, **{axis: plain[place + axis] for axis in "xyz"}}, landmark)
     return _frames_of_columns(columns, plain)
