@@ -37,7 +37,7 @@ def _read(document: Document) -> PoseFile:
     }
     sides = [hand.get("is_right", hand.get("right")) for _, hand in hands]
     if all(side is not None for side in sides):
-        stacked["is_right"] = [float(np.ravel(side)[0]) for side in sides]
+        stacked["is_right"] = [document.array(side, "is_right", (), (1,), (1, 1)).item() for side in sides]
     stacked["frame"] = np.array([frame for frame, _ in hands])
     return read_rows(Document(document.path, stacked), first=0)
 
