@@ -14,7 +14,7 @@ from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...backend.hand.model_file import load_default_hand
-from ...backend.motion.landmarks.take_file import FilmedTake, unmirrored, warning_of
+from ...backend.motion.landmarks.take_file import FilmedTake, take_doubts, unmirrored
 from ...backend.motion.landmarks.take_fit import FilmCamera, TakeFit, fit_take
 from ...backend.records.side import Side
 from ...backend.tracking.weights import has_networks
@@ -73,7 +73,7 @@ class LIVEHAND_OT_import_video(NeedsTracker, bpy.types.Operator, ImportHelper):
             hand = hand_of_side(context, side) or new_hand(context, side)
             count = key_take(context.scene, hand, fit, placement)
             self.report({"INFO"}, f"Keyed {count} frames of the {side} hand")
-            if warning := warning_of(fit):
+            if warning := take_doubts(fit, hand.model):
                 self.report({"WARNING"}, f"Check the {side} hand: {warning}")
 
     def _tracked(self, context: bpy.types.Context, path: Path) -> FilmedTake:
