@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from ...records.shot import HandPose
 
 _THETA, _BETA = 48, 10  # numbers of a pose and of a shape, before the 3 of the translation
 _ROUNDING_MM = 1e-4  # of the least step that counts
+_STEP = 1e-6  # of the differences
 _DAMPING, _MOST_DAMPING = 1e-3, 1e6
 
 
@@ -71,7 +73,7 @@ def fitted_to_points(
     is_free[_THETA : _THETA + _BETA] = prior.beta > 0
     now, damping = residual(x), _DAMPING
     for _ in range(steps):
-        jacobian = torch.func.jacfwd(residual)(x)[:, is_free]
+        jacobian = (residual(x + _STEP * torch.eye(len(x), dtype=x.dtype)[is_free]) - now).T / _STEP
         square, slope = jacobian.T @ jacobian, jacobian.T @ now
         while damping < _MOST_DAMPING:
             damped = square + damping * torch.diag(square.diagonal().clamp(min=1e-12))
@@ -92,8 +94,8 @@ def fitted_to_points(
     return replace(start, theta=theta, beta=beta, transl=transl)
 
 
-def _residual(skin: SkinTensors, start: HandPose, goals: PointGoals, prior: FitPrior):
-    """Return the function of the parameters [61] whose squares are minimised."""
+def _residual(skin: SkinTensors, start: HandPose, goals: PointGoals, prior: FitPrior) -> Callable[[Tensor], Tensor]:
+    """Return the function of the parameters [..., 61] whose squares are minimised."""
     vertex = torch.as_tensor(goals.vertex)
     points, normals, weight = (torch.as_tensor(values) for values in (goals.points, goals.normals, goals.weight))
     points = points - torch.as_tensor(goals.offset_m)
@@ -102,11 +104,13 @@ def _residual(skin: SkinTensors, start: HandPose, goals: PointGoals, prior: FitP
     forearm = torch.as_tensor(start.forearm)
 
     def residual(x: Tensor) -> Tensor:
-        theta, beta = x[:_THETA].reshape(16, 3), x[_THETA:-3]
-        off = pose_hand(skin, theta, beta, x[-3:], forearm).vertices[vertex] - points
+        theta, beta, transl = x[..., :_THETA].unflatten(-1, (16, 3)), x[..., _THETA:-3], x[..., -3:]
+        posed = pose_hand(skin, theta, beta, transl, forearm.expand_as(transl))
+        off = posed.vertices[..., vertex, :] - points
         along = (off * normals).sum(-1, keepdim=True)
         rest = goals.across * (off - along * normals)
-        parts = [(scale * along).flatten(), (scale * rest).flatten(), ((theta - first)[1:] / prior.theta_rad).flatten()]
-        return torch.cat(parts + ([beta / prior.beta] if prior.beta > 0 else []))
+        moved = (theta - first)[..., 1:, :] / prior.theta_rad
+        parts = [(scale * along).flatten(-2), (scale * rest).flatten(-2), moved.flatten(-2)]
+        return torch.cat(parts + ([beta / prior.beta] if prior.beta > 0 else []), -1)
 
     return residual

@@ -117,8 +117,8 @@ def _check_near(ours: HandModel, other: HandModel, target: RegionMesh, vertices:
     off_mm = 1000 * float(np.median(points.distance_m))
     if not off_mm < _MOST_OFF_MM:
         raise LiveHandError(
-            f"'{other.name}' must be a hand that the built-in one can be laid over, got surfaces {off_mm:.0f} mm apart; "
-            "check that the file's unit is metres, and its side"
+            f"'{other.name}' must be a hand that the built-in one can be laid over, got surfaces {off_mm:.0f} mm "
+            "apart; check that the file's unit is metres, and its side"
         )
 
 

@@ -65,7 +65,13 @@ def _write(path: Path, found: Registration) -> None:
 def _read(path: Path, ours: HandModel, other: HandModel) -> Registration:
     arrays = read_npz(path)
     count, side = len(ours.v_template), ours.side
-    shapes = {"conformed": (count, 3), "weight": (count,), "face": (count,), "weights": (count, 3), "distance_m": (count,)}
+    shapes = {
+        "conformed": (count, 3),
+        "weight": (count,),
+        "face": (count,),
+        "weights": (count, 3),
+        "distance_m": (count,),
+    }
     for name, shape in shapes.items():
         if name not in arrays or arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
             raise LiveHandError(f"{path} must hold {name} {list(shape)}; remove the file")
