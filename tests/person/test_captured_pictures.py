@@ -143,7 +143,7 @@ def folder(truth, tmp_path_factory):
     request = write_data_set(truth, root)
     capture = root / "capture"
     import_interhand(request, truth.twin.model, truth.twin.hands_mean, capture)
-    mask_capture(load_capture(capture), truth.twin.model, MaskConfig(erode_mm=4, dilate_mm=12))
+    mask_capture(capture, truth.twin.model, MaskConfig(erode_mm=4.0, dilate_mm=12.0))
     return capture
 
 

@@ -29,6 +29,7 @@ class PointGoals(NamedTuple):
         weight: [N].
         across: by which being off across the normals counts less, from 0 to 1.
         offset_m: [N, 3] of the surface from the model's own vertices, world.
+        joints: [16, 3] m, world, near which the joints are; None: not known.
     """
 
     vertex: np.ndarray
@@ -37,6 +38,7 @@ class PointGoals(NamedTuple):
     weight: np.ndarray
     across: float = 1.0
     offset_m: np.ndarray | float = 0.0
+    joints: np.ndarray | None = None
 
 
 class FitPrior(NamedTuple):
@@ -44,12 +46,14 @@ class FitPrior(NamedTuple):
 
     Attributes:
         point_mm: deviation of points.
+        joint_mm: of joints.
         theta_rad: of the fingers' angles from where they start.
         beta: of the shape from zero; 0: the shape stays.
         share: of the points' number that the priors weigh against.
     """
 
     point_mm: float = 1.0
+    joint_mm: float = 3.0
     theta_rad: float = 0.2
     beta: float = 1.5
     share: float = 0.02
@@ -101,6 +105,7 @@ def _residual(skin: SkinTensors, start: HandPose, goals: PointGoals, prior: FitP
     points = points - torch.as_tensor(goals.offset_m)
     scale = (1000 / prior.point_mm * (weight / (prior.share * weight.sum())).sqrt())[:, None]
     first = torch.as_tensor(start.theta)
+    joints = None if goals.joints is None else torch.as_tensor(goals.joints)
     forearm = torch.as_tensor(start.forearm)
 
     def residual(x: Tensor) -> Tensor:
@@ -111,6 +116,8 @@ def _residual(skin: SkinTensors, start: HandPose, goals: PointGoals, prior: FitP
         rest = goals.across * (off - along * normals)
         moved = (theta - first)[..., 1:, :] / prior.theta_rad
         parts = [(scale * along).flatten(-2), (scale * rest).flatten(-2), moved.flatten(-2)]
+        if joints is not None:
+            parts.append(((posed.joints - joints) * (1000 / prior.joint_mm)).flatten(-2))
         return torch.cat(parts + ([beta / prior.beta] if prior.beta > 0 else []), -1)
 
     return residual

@@ -19,6 +19,7 @@ from ...hand.model import HandModel
 from ...motion.spaces import rest_wrists
 from ...records.errors import LiveHandError
 from ...records.shot import HandPose
+from ..hand_from_mesh.hand_model import check_size
 from ..natural_range import local_theta
 from ..rest_alignment import HandAtRest, place_hand
 from ..shape_fit import HandShape, fit_shape, rest_nodes
@@ -28,8 +29,8 @@ from .region_mesh import MeshPoints, RegionMesh
 _REACHES_MM = (15.0, 12.0, 9.0, 7.0, 5.0, 5.0, 4.0, 4.0)  # of closest points, round by round
 _LEAST_AGREEMENT = 0.6  # cosine of both surfaces' normals
 _END_M = 0.006  # before the other model's end, where its cap is
-_PRIOR = FitPrior(point_mm=1.0, theta_rad=0.08, beta=1.5)  # twists of round fingers are hardly told
-_ACROSS = 0.1  # a closest point says little of where a vertex lies along the surface
+_PRIOR = FitPrior(joint_mm=2.0, theta_rad=0.08, beta=1.5, share=0.005)  # twists of round fingers are hardly told
+_ACROSS = 0.3  # a closest point says little of where a vertex lies along the surface
 _STIFFNESS = (30.0, 10.0, 3.0, 1.0)  # of the displacements' Laplacian against the points, round by round
 _PULL = 1e-3  # of displacements towards none, where there are no points
 _OFFSET_STIFFNESS, _DECAY = 0.5, 0.01
@@ -57,8 +58,9 @@ def registered(ours: HandModel, other: HandModel) -> Registration:
     """Lay our hand over another model's mean shape at rest; both of the same side.
 
     Raises:
-        LiveHandError: the surfaces stay apart: the other one is no hand like ours.
+        LiveHandError: it has not a hand's size, or the surfaces stay apart: it is no hand like ours.
     """
+    check_size(other.joints)
     target = RegionMesh.of(other, other.v_template)
     rest = _fitted_rest(ours, other, target)
     vertices = posed_vertices(ours, rest)
@@ -88,7 +90,8 @@ def _fitted_rest(ours: HandModel, other: HandModel, target: RegionMesh) -> HandP
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         off = np.linalg.norm(at - vertices[vertex], axis=1)
         robust = weight[vertex] / (1 + (off / (reach_mm * 3e-4)) ** 2)
-        pose = fitted_to_points(skin, pose, PointGoals(vertex, at, normals, robust, _ACROSS), _PRIOR, steps=3)
+        goals = PointGoals(vertex, at, normals, robust, _ACROSS, joints=other.joints)
+        pose = fitted_to_points(skin, pose, goals, _PRIOR, steps=3)
     return pose
 
 
