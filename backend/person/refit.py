@@ -234,9 +234,10 @@ def _fitted(
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
-    fitted = (values.detach().double().numpy()[pose_of.numpy()] for values in (theta, transl, forearm))
+    fitted = (values.detach().double().numpy() for values in (theta, transl, forearm))
     shape = beta.detach().double().numpy()
-    return [HandPose(a, shape, b, "right", c) for a, b, c in zip(*fitted, strict=True)]
+    poses = [HandPose(a, shape, b, "right", c) for a, b, c in zip(*fitted, strict=True)]
+    return [poses[row] for row in pose_of.tolist()]
 
 
 def _poses_of(pictures: Sequence[HandPicture]) -> tuple[list[int], Tensor]:
