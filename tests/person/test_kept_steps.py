@@ -80,7 +80,7 @@ def must_not_run():
 def test_every_result_is_read_as_it_was(tmp_path, hand):
     steps = KeptSteps.beside(tmp_path / "a.safetensors", {"files": ["x"]})
     for name, (result, form) in results(hand).items():
-        assert steps.kept(name, lambda result=result: result, form) is result
+        assert_same(steps.kept(name, lambda result=result: result, form), result)
         again = KeptSteps.beside(tmp_path / "a.safetensors", {"files": ["x"]})
         assert_same(again.kept(name, must_not_run, form), result)
 
