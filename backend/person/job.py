@@ -20,6 +20,7 @@ from typing import Any
 from ..records.errors import LiveHandError
 from ..system.processes import end_by_input
 from .command import COMMAND, making
+from .kept_steps import remove_work
 
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from backend.person.job import run; run()"
 _END_S = 2.0
@@ -76,8 +77,9 @@ class PersonJob:
         self._reader.join()
 
     def cancel(self) -> None:
-        """End the process; no file is written."""
+        """End the process; no file is written, and what it kept to go on is removed."""
         end_by_input(self._process, _END_S)
+        remove_work(self.output)
 
     def _read(self) -> None:
         pipe = self._process.stdout

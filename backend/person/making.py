@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -22,6 +23,7 @@ from ..surface.atlas_texels import AtlasTexels
 from .completion import CompletedRatio, completed_ratio
 from .gathering import GatheredRatio, gathered_ratio
 from .illumination import Illumination, LitPixels, fitted_light, lit_pixels
+from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lamp_search import with_lamp
 from .model import PersonModel
 from .numbers import PixelTones, ToneFamily, fitted_melanin
@@ -179,7 +181,11 @@ class Bases:
 
 
 def person_of_pictures(
-    bases: Bases, hand: PicturedHand, options: MakingOptions, log: Log = lambda line: None
+    bases: Bases,
+    hand: PicturedHand,
+    options: MakingOptions,
+    log: Log = lambda line: None,
+    steps: KeptSteps = KeptSteps(),  # noqa: B008
 ) -> tuple[MadePerson, PicturedHand]:
     """Make a person from pictures whose poses are about known; returns the pictures with poses and shape fitted, too.
 
@@ -188,15 +194,24 @@ def person_of_pictures(
     if hand.is_calibrated:
         options = replace(options, with_flow=False, fits_poses=False)
     early = replace(options, resolution=_EARLY_RESOLUTION, rounds=1, pictures=_EARLY_PICTURES, finds_lamps=False)
-    base = shaped(bases.nearest(_FIRST_MELANIN), hand)
-    for refits in _EARLY_REFITS if options.fits_poses else (0,):
-        made = made_person(base, hand, bases.family, early, log)
-        base = shaped(bases.nearest(made.completed.numbers.melanin), hand)
-        for _ in range(refits):
-            refit = refitted(made.model, hand.pictures, made.lights)
-            log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
-            hand = replace(hand, pictures=refit.pictures)
-    return made_person(base, hand, bases.family, options, log), hand
+    melanin = _FIRST_MELANIN
+    for index, refits in enumerate(_EARLY_REFITS if options.fits_poses else (0,)):
+        base = shaped(bases.nearest(melanin), hand)
+        round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
+        fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
+        hand, melanin = fitted.posed(hand), fitted.melanin
+    return made_person(shaped(bases.nearest(melanin), hand), hand, bases.family, options, log), hand
+
+
+def _early_round(
+    base: PersonModel, hand: PicturedHand, family: ToneFamily, options: MakingOptions, refits: int, log: Log
+) -> FittedRound:
+    made = made_person(base, hand, family, options, log)
+    for _ in range(refits):
+        refit = refitted(made.model, hand.pictures, made.lights)
+        log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
+        hand = replace(hand, pictures=refit.pictures)
+    return FittedRound(tuple(picture.pose for picture in hand.pictures), made.completed.numbers.melanin)
 
 
 _EARLY_RESOLUTION, _EARLY_PICTURES, _EARLY_REFITS = 512, 16, (2, 2)
