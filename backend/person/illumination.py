@@ -89,6 +89,14 @@ class Illumination:
         grey = np.tensordot(self.lobes, sky_lobes(), 1)[..., None]
         return Light(self.lamps, Sky(np.repeat(grey, 3, 2) + _LEAST_RADIANCE))
 
+    @property
+    def tinted(self) -> Light:
+        """The light in its colour, as the pictures' white balance shows it."""
+        sky = self.light.sky
+        assert sky is not None
+        lamps = tuple(replace(lamp, rgb=self.tint * np.asarray(lamp.rgb)) for lamp in self.lamps)
+        return Light(lamps, Sky(sky.radiance * self.tint))
+
 
 @dataclass(frozen=True)
 class SurePixels:

@@ -20,18 +20,18 @@ from ..capture.picture import linear_to_srgb
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError
 from ..records.hand_picture import BACKGROUND, HAND, HandPicture
-from ..records.light import Light, Sky
 from ..surface.surface_file import surface_sha256, write_surface
 from ..system.files import replacing
 from .captured_pictures import pictures_of_capture
-from .illumination import Illumination, LitPixels, fitted_light, linear_colours, lit_pixels
+from .illumination import Illumination, fitted_light, linear_colours, lit_pixels
+from .lamp_search import with_lamp
 from .model import PersonModel
+from .numbers import PixelTones
 from .refit import refitted
 
 _MOST_PICTURES, _LIGHT_PICTURES, _REFITS = 120, 8, 2
 _LEAST_PIXELS = 200
 _SURFACE = "surface/person.npz"
-_NOISE = 1e-3
 
 
 def write_lit_capture(
@@ -89,13 +89,10 @@ def scene_lights(person: PersonModel, pictures: Sequence[HandPicture]) -> dict[i
                 f"{of_scene[0].name} and pictures in its light must show the hand free and not clipped, got "
                 f"{len(pixels.shown)} pixels of sure skin; leave them out"
             )
-        lights[scene] = _with_tint(fitted_light(pixels), pixels)
+        known = PixelTones(pixels, np.zeros_like(pixels.shown), np.zeros_like(pixels.shown))
+        lit = with_lamp(person, known, 0.0).pixels
+        lights[scene] = Illumination.of(fitted_light(lit, np.ones_like(lit.shown)), lit.sources)
     return lights
-
-
-def _with_tint(light: Illumination, pixels: LitPixels) -> Illumination:
-    shown, white = pixels.shown + _NOISE, pixels.basis @ light.lobes + _NOISE
-    return replace(light, tint=np.exp(np.median(np.log(shown / white), 0)))
 
 
 def _written(pictures: Sequence[HandPicture], lights: Mapping[int, Illumination], capture: Capture) -> Capture:
@@ -115,18 +112,12 @@ def _written(pictures: Sequence[HandPicture], lights: Mapping[int, Illumination]
         _write_picture(capture.folder / view.file, picture, exposure)
         views.append(view)
     poses = {moments.index(picture.moment): picture.pose for picture in pictures}
-    of_scene = tuple(CaptureLight("found", _coloured(light)) for light in lights.values())
+    of_scene = tuple(CaptureLight("found", light.tinted) for light in lights.values())
     whole = replace(
         capture, poses=tuple(poses[row] for row in range(len(moments))), views=tuple(views), lights=of_scene
     )
     save_capture_index(whole)
     return whole
-
-
-def _coloured(light: Illumination) -> Light:
-    sky = light.light.sky
-    assert sky is not None
-    return Light(sky=Sky(sky.radiance * light.tint))
 
 
 def _write_picture(path: Path, picture: HandPicture, exposure: float) -> None:

@@ -21,7 +21,7 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.person.camera_gains import relative_gains
 from livehand.backend.person.captured_pictures import chosen_views, pictures_of_capture
-from livehand.backend.person.illumination import fitted_light, lit_pixels
+from livehand.backend.person.illumination import Illumination, fitted_light, lit_pixels
 from livehand.backend.person.person_avatar import shipped_bases
 from livehand.backend.person.refit import refitted
 from livehand.backend.person.sources import PictureSource, pictured_hand
@@ -200,13 +200,17 @@ def test_refit_shares_poses_and_brings_the_hand_back(truth, hand, read):
     shifts = np.random.default_rng(0).normal(0, 0.004, (2, 3))
     pictures = [moved_by(one, shifts[one.moment]) for one in read.pictures if not one.is_held_out]
     base = shipped_bases(hand).models[0.42].with_offset(read.offset_m)
-    lights = {0: fitted_light(lit_pixels(base, pictures[:3]))}
+    lights = {0: light_of(lit_pixels(base, pictures[:3]))}
     moved = refitted(base, pictures, lights).pictures
     for moment, shift in enumerate(shifts):
         (pose,) = {id(one.pose): one.pose for one in moved if one.moment == moment}.values()
         before = next(one.pose for one in read.pictures if one.moment == moment)
         off = (posed_vertices(hand, pose) - posed_vertices(hand, before))[hand.framed_vertices].mean(0)
         assert np.linalg.norm(off) < 0.5 * np.linalg.norm(shift)
+
+
+def light_of(pixels):
+    return Illumination.of(fitted_light(pixels, np.ones_like(pixels.shown)), pixels.sources)
 
 
 def test_a_left_hands_capture_is_the_mirror_image(truth, hand, folder, read, tmp_path, monkeypatch):
