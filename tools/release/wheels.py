@@ -132,15 +132,12 @@ def collect_wheels(target: Target, folder: Path, options: Sequence[str] = ()) ->
         )
         raise LiveHandError(f"{target.name}: pip must find a wheel of every package, got: {reason}")
     wheels = [Wheel(path) for path in sorted(folder.glob("*.whl"))]
-    for wheel in wheels:
-        if wheel.name == "numpy":
-            wheel.path.unlink()
     return [wheel for wheel in wheels if wheel.name != "numpy"]
 
 
 def unmet_requirements(wheels: Sequence[Wheel], target: Target) -> list[str]:
     """List what the wheels need on their system and neither they nor Blender's numpy are."""
-    versions = {wheel.name: (wheel.version,) for wheel in wheels}
+    versions: dict[str, tuple[Version, ...]] = {wheel.name: (wheel.version,) for wheel in wheels}
     versions["numpy"] = tuple(map(Version, target.numpy))
     unmet = []
     asked = [("livehand", Requirement(one)) for one in pip_requirements(REQUIREMENTS, target.markers["sys_platform"])]
