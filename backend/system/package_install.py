@@ -85,7 +85,7 @@ class PipJob:
 
     temporary: Path
     _process: subprocess.Popen[str]
-    _lines: list[str] = field(default_factory=list)
+    _lines: list[str] = field(default_factory=list[str])
     _code: int | None = None
 
     def __post_init__(self):
