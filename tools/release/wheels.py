@@ -24,7 +24,7 @@ from ...backend.records.errors import LiveHandError
 from ...backend.system.packages import REQUIREMENTS, pip_requirements
 from .targets import Target
 
-_FOREIGN_PIP = Path(__file__).with_name("foreign_pip.py")
+_FOREIGN_PIP = Path(__file__).with_name("foreign_pip_command.py")
 _DOWNLOAD_SECONDS = 3600
 _LICENCE = re.compile(
     r"[^/]*\.dist-info/(?:.*/)?[^/]*(?:licen[cs]e|copying|notice|copyright|authors)[^/]*", re.IGNORECASE
