@@ -85,7 +85,7 @@ class PipJob:
 
     temporary: Path
     _process: subprocess.Popen[str]
-    _lines: list[str] = field(default_factory=list)
+    _lines: list[str] = field(default_factory=list[str])
     _code: int | None = None
 
     def __post_init__(self):
@@ -99,13 +99,13 @@ class PipJob:
             LiveHandError: this Python has no pip, or cannot be started.
         """
         temporary.mkdir(parents=True, exist_ok=True)
-        places = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(temporary))
+        for_files = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(temporary))
         settings = {"PIP_USER": "0", "PIP_REQUIRE_VIRTUALENV": "0", "PIP_NO_INPUT": "1", "PIP_NO_COLOR": "1"}
         text = {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
         try:
             process = subprocess.Popen(
                 [*pip_program(), *arguments],
-                env=os.environ | places | settings | text,
+                env=os.environ | for_files | settings | text,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,

@@ -24,7 +24,7 @@ from ...backend.records.errors import LiveHandError
 from ...backend.system.packages import REQUIREMENTS, pip_requirements
 from .targets import Target
 
-_FOREIGN_PIP = Path(__file__).with_name("foreign_pip.py")
+_FOREIGN_PIP = Path(__file__).with_name("foreign_pip_command.py")
 _DOWNLOAD_SECONDS = 3600
 _LICENCE = re.compile(
     r"[^/]*\.dist-info/(?:.*/)?[^/]*(?:licen[cs]e|copying|notice|copyright|authors)[^/]*", re.IGNORECASE
@@ -132,15 +132,12 @@ def collect_wheels(target: Target, folder: Path, options: Sequence[str] = ()) ->
         )
         raise LiveHandError(f"{target.name}: pip must find a wheel of every package, got: {reason}")
     wheels = [Wheel(path) for path in sorted(folder.glob("*.whl"))]
-    for wheel in wheels:
-        if wheel.name == "numpy":
-            wheel.path.unlink()
     return [wheel for wheel in wheels if wheel.name != "numpy"]
 
 
 def unmet_requirements(wheels: Sequence[Wheel], target: Target) -> list[str]:
     """List what the wheels need on their system and neither they nor Blender's numpy are."""
-    versions = {wheel.name: (wheel.version,) for wheel in wheels}
+    versions: dict[str, tuple[Version, ...]] = {wheel.name: (wheel.version,) for wheel in wheels}
     versions["numpy"] = tuple(map(Version, target.numpy))
     unmet = []
     asked = [("livehand", Requirement(one)) for one in pip_requirements(REQUIREMENTS, target.markers["sys_platform"])]

@@ -118,20 +118,21 @@ def test_a_missing_licence_and_a_large_zip_are_found(make, monkeypatch):
 @pytest.mark.parametrize(
     ("tag", "fitting"),
     [
-        ("py3-none-any", {"windows_x64-py311", "macos_arm64-py313", "linux_x64-py311"}),
+        ("py3-none-any", {"windows_x64-py311", "windows_x64-py313", "macos_arm64-py313", "linux_x64-py311"}),
         ("cp310-abi3-macosx_11_0_arm64", {"macos_arm64-py313"}),
-        ("cp311-cp311-macosx_14_0_arm64", set()),
+        ("cp313-cp313-macosx_14_0_arm64", set()),
         ("cp313-cp313-macosx_12_0_arm64", {"macos_arm64-py313"}),
         ("cp311-cp311-manylinux_2_28_x86_64", {"linux_x64-py311"}),
         ("cp311-cp311-manylinux_2_34_x86_64", set()),
         ("cp311-cp311-musllinux_1_2_x86_64", set()),
         ("cp311-none-win_amd64", {"windows_x64-py311"}),
+        ("py3-none-win_amd64", {"windows_x64-py311", "windows_x64-py313"}),
     ],
 )
 def test_a_wheel_fits_by_its_tags(tmp_path, tag, fitting):
     wheel = Wheel(fake_wheel(tmp_path, "livehand-fake", tag=tag))
-    three = ("windows_x64-py311", "macos_arm64-py313", "linux_x64-py311")
-    assert {target.name for target in TARGETS if target.name in three and fits(wheel, target)} == fitting
+    some = ("windows_x64-py311", "windows_x64-py313", "macos_arm64-py313", "linux_x64-py311")
+    assert {target.name for target in TARGETS if target.name in some and fits(wheel, target)} == fitting
 
 
 def test_names_are_held_to_what_each_system_takes():

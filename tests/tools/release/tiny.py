@@ -54,7 +54,8 @@ def write_index(folder):
     for python in ("cp311", "cp313"):
         for platform in ("win_amd64", "macosx_11_0_arm64", "manylinux_2_17_x86_64"):
             fake_wheel(folder, "livehand-fake", tag=f"{python}-{python}-{platform}", needs=needs)
+    fake_wheel(folder, "livehand-fake", "2.0", "cp311-cp311-win_amd64", ["numpy>=1.26"])  # newer than Blender 4.2's
     fake_wheel(folder, "livehand-for-windows")
-    for version in ("1.24.3", "2.2.0"):
+    for version in ("1.24.3", "1.26.4", "2.2.0"):
         fake_wheel(folder, "numpy", version)
     return folder

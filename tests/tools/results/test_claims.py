@@ -105,6 +105,11 @@ def test_a_busy_machine_compares_ratios_and_processor_time_alone(found):
     outcome = benchmark(DOCUMENTS)
     assert outcome.drifts == []
     assert outcome.unmeasured == ["benchmark's milliseconds: the machine is busy now, or was when they were measured"]
+    found["machine"]["busy"] = False
+    then = deepcopy(DOCUMENTS)
+    then["benchmark"]["result"]["machine"]["busy"] = True
+    assert len(benchmark(then).unmeasured) == 1
+    found["machine"]["busy"] = True
     change(found, "sizes", "334x512", "ratio_paper", "bf16", value=10.0)
     assert len(benchmark(DOCUMENTS).drifts) == 1
     assert idle(DOCUMENTS).unmeasured == ["idle.frames: the machine is busy"]

@@ -1,4 +1,4 @@
-"""Run pip as if on another system: `python foreign_pip.py MARKERS download ...`.
+"""Run pip as if on another system: `python foreign_pip_command.py MARKERS download ...`.
 
 pip's `--platform` chooses the files of another system, but the conditions in packages' requirements (`colorama;
 platform_system == "Windows"`) it answers for the system that it runs on. MARKERS is the JSON of what that system would
