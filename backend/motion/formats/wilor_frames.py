@@ -44,11 +44,10 @@ def _read(document: Document) -> PoseFile:
 
 def _hands(content: Any) -> Iterator[tuple[int, Any]]:
     """Yield the hands with their frame's index; the result of one picture is one frame."""
-    frames = [content[key] for key in sorted(content, key=str)] if isinstance(content, dict) else content
-    if not isinstance(frames, list):
-        return
-    if any(isinstance(frame, Mapping) for frame in frames):
-        frames = [frames]
+    frames: list[Any] = [content[key] for key in sorted(content, key=str)] if isinstance(content, dict) else []
+    if isinstance(content, list):
+        is_one = any(isinstance(frame, Mapping) for frame in content)
+        frames = [content] if is_one else content
     for index, frame in enumerate(frames):
         yield from ((index, hand) for hand in (frame if isinstance(frame, list) else ()))
 
