@@ -40,8 +40,8 @@ def rest_doubts(alignment: RestAlignment, factor: float = 1.0) -> str | None:
 
 
 def _unit_guess(size: float) -> str:
-    """Word the scale by a power of ten, or of inches or feet, that makes a size a hand's; empty: none does."""
-    scales = [*(10.0**power for power in range(-6, 7)), 0.0254, 1 / 0.0254, 0.3048, 1 / 0.3048]
+    """Word the scale by a power of ten, or of inches, that makes a size a hand's; empty: none does."""
+    scales = [*(10.0**power for power in range(-6, 7)), 0.0254, 1 / 0.0254]
     best = min(scales, key=lambda scale: abs(np.log(size * scale))) if size > 0 else 1.0
     is_usual = best != 1.0 and SMALLEST_SIZE <= size * best <= LARGEST_SIZE
     return f", as if in another unit: scaled by {best:.4g} it would be one" if is_usual else ""

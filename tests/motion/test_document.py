@@ -68,7 +68,7 @@ def test_files_cut_short_anywhere_are_refused(tmp_path, name):
     [
         ("a.json", "[[1, 2", "well-formed JSON"),
         ("a.json", "[[1, 2], [3]]", "known format"),
-        ("a.json", '{"x": 1}', r"known format .*got keys \['x'\]"),
+        ("a.json", '{"x": 1}', r"known format .*got keys x; "),
         ("a.json", "[]", "known format"),
         ("a.json", "\xff\xfe", "known format|well-formed"),
         ("a.csv", "x0,y0\n1\n", "as many cells"),

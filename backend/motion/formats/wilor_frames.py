@@ -31,7 +31,7 @@ def _read(document: Document) -> PoseFile:
     if missing:
         raise LiveHandError(f"{document.path}: every hand must hold {' and '.join(missing)}; save the whole result")
     stacked: dict[str, Any] = {
-        name: np.concatenate([_row(document, value, name) for value in values])
+        name: _stacked(document, values, name)
         for name, values in rows.items()
         if all(value is not None for value in values)
     }
@@ -44,11 +44,10 @@ def _read(document: Document) -> PoseFile:
 
 def _hands(content: Any) -> Iterator[tuple[int, Any]]:
     """Yield the hands with their frame's index; the result of one picture is one frame."""
-    frames = [content[key] for key in sorted(content, key=str)] if isinstance(content, dict) else content
-    if not isinstance(frames, list):
-        return
-    if any(isinstance(frame, Mapping) for frame in frames):
-        frames = [frames]
+    frames: list[Any] = [content[key] for key in sorted(content, key=str)] if isinstance(content, dict) else []
+    if isinstance(content, list):
+        is_one = any(isinstance(frame, Mapping) for frame in content)
+        frames = [content] if is_one else content
     for index, frame in enumerate(frames):
         yield from ((index, hand) for hand in (frame if isinstance(frame, list) else ()))
 
@@ -62,10 +61,18 @@ def _part(hand: Mapping[str, Any], name: str) -> Any:
     return next((holder[name] for holder in (*holders, hand) if name in holder), None)
 
 
-def _row(document: Document, value: Any, name: str) -> np.ndarray:
-    """Read one hand's part as a row [1, ...]."""
-    row = document.array(value, name)
-    return row if row.shape[:1] == (1,) and row.ndim > 1 else row[None]
+def _stacked(document: Document, values: list[Any], name: str) -> np.ndarray:
+    """Stack one hand's part each, with or without a first axis of 1.
+
+    Raises:
+        LiveHandError: they are no numbers, or differ in shape.
+    """
+    arrays = [document.array(value, name) for value in values]
+    rows = [array[0] if array.shape[:1] == (1,) and array.ndim > 1 else array for array in arrays]
+    shapes = sorted({row.shape for row in rows})
+    if len(shapes) > 1:
+        raise LiveHandError(f"{document.path}: {name} must be alike in all frames, got shapes {shapes[:3]}")
+    return np.stack(rows)
 
 
 FORMAT = Format(_NAME, _matches, _read)

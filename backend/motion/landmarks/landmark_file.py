@@ -175,7 +175,8 @@ def likely_unit(tracks: Sequence[Track]) -> Unit:
     with np.errstate(over="ignore"):
         palm = float(np.median(np.linalg.norm(points[:, _KNUCKLES] - points[:, :1], axis=-1).mean(-1)))
     size = palm / palm_m(load_default_hand())
-    return next((unit for unit, metres in METRES.items() if _SCALES[0] < size * metres < _SCALES[1]), "m")
+    fitting: list[Unit] = [unit for unit, metres in METRES.items() if _SCALES[0] < size * metres < _SCALES[1]]
+    return fitting[0] if fitting else "m"
 
 
 def _by_shape(
@@ -184,7 +185,9 @@ def _by_shape(
     """Divide the tracks by the side that their shape has, and say how it was found; a scale of None: no metres."""
     bends: list[Side | None] = [None if scale_m is None else _bend(track.points * scale_m) for track in tracks]
     if not is_mediapipe and _is_mirrored_space(tracks, bends):
-        flipped = {track.label: track._replace(points=track.points * _NEGATED_Z) for track in tracks if track.label}
+        flipped: dict[Side, Track] = {
+            track.label: track._replace(points=track.points * _NEGATED_Z) for track in tracks if track.label
+        }
         return flipped, (_MIRRORED_NOTE,)
     labels: list[Side | None] = [_side_of_label(track, is_mediapipe) for track in tracks]
     if len({bend or label for bend, label in zip(bends, labels, strict=True)}) < len(tracks):
