@@ -37,7 +37,7 @@ from PIL import Image
 
 pytest.importorskip("cv2")
 pytestmark = pytest.mark.slow
-SIZE_PX, FOCAL_PX = (150, 190), 300.0
+SIZE_PX, FOCAL_PX = (124, 190), 300.0  # of the data set's shape
 CAMERAS = ("400262", "400263", "400264", "400265", "400266", "400412", "410001")
 SWAPPED, GREY = "400412", "410001"
 GAINS = np.array([[1.0, 1, 1], [1.25, 1.0, 0.85], [0.8, 0.85, 0.95], [1, 1.1, 1.2], [0.9, 0.9, 0.9], [1.1, 1.0, 1.0]])
@@ -182,6 +182,7 @@ def test_poses_are_the_built_in_hands(truth, hand, read):
     assert {one.moment for one in read.pictures if one.is_held_out} == {2}
     is_hand = hand.arm_weights == 0
     assert off_m(truth, hand, read.pictures, is_hand) < 0.0022
+    assert overlap(hand, read.pictures) > 0.9
     assert "both surfaces are" in " ".join(read.notes)
     assert read.offset_m.shape == (len(hand.v_template),)
     for one in read.pictures:
