@@ -195,7 +195,7 @@ def test_gains_of_the_cameras_come_back(read):
     truth = np.log(GAINS) - np.log(GAINS).mean(0)
     off = np.abs([found[index] for index in sorted(found)] - truth)
     assert off.max() < 0.16
-    assert off.mean() < 0.6 * np.abs(truth).mean()
+    assert off.mean() < 0.7 * np.abs(truth).mean()
 
 
 def test_refit_shares_poses_and_brings_the_hand_back(truth, hand, read):
