@@ -83,7 +83,7 @@ def _colours(picture: HandPicture, model: HandModel) -> np.ndarray:
     facing = -(normals * away).sum(1) / np.linalg.norm(away, axis=1)
     px, depth = picture.camera.project(vertices)
     size_px = picture.camera.size_px
-    found = rasterise(*(torch.as_tensor(each) for each in (px, depth, model.f)), size_px)
+    found = rasterise(torch.as_tensor(px), torch.as_tensor(depth), torch.as_tensor(model.f), size_px)
     front = nearest_fronts(found, size_px).depth.numpy().reshape(size_px[::-1])
     inside = ((px >= 1) & (px < np.array(size_px) - 1)).all(1)
     is_visible = inside & (facing > _LEAST_FACING) & (depth < nearest(front, px) + _BEHIND_M)

@@ -16,6 +16,7 @@ from ..records.hand_picture import BACKGROUND, HAND, UNKNOWN, HandPicture, Pictu
 from ..records.shot import HandPose
 from .camera_gains import camera_log_gains
 from .rig.pictures_of_rig import mirrored_camera
+from .skin_masks import where_arm_may_be
 
 _SURE_HAND, _SURE_BACKGROUND = 0.75, 0.25  # of alpha
 _CAMERAS_OF_POSE = 5
@@ -149,8 +150,19 @@ def _carried_over(
     pose_of = dict(zip(first, found.poses, strict=True))
     off_mm = float(found.deviation_mm.mean())
     note = f"poses of '{other.name}' are carried over, both surfaces are {off_mm:.1f} mm apart"
-    moved = [replace(picture, pose=pose_of[picture.moment]) for picture in pictures if picture.moment is not None]
+    moved = [
+        _with_arm_unknown(replace(picture, pose=pose_of[picture.moment]), model)
+        for picture in pictures
+        if picture.moment is not None
+    ]
     return moved, found.offset_m, note if off_mm < _UNLIKE_MM else f"{note}, which is much: look at the sheet"
+
+
+def _with_arm_unknown(picture: HandPicture, model: HandModel) -> HandPicture:
+    """Say nothing of the arm: masks of a hand without one end at its wrist."""
+    labels = picture.labels.copy()
+    labels[where_arm_may_be(picture.pose, picture.camera, model) & (labels == BACKGROUND)] = UNKNOWN
+    return replace(picture, labels=labels)
 
 
 def _with_gains(pictures: Sequence[HandPicture], model: HandModel) -> list[HandPicture]:

@@ -173,7 +173,8 @@ def _read_hand(path: Path) -> PicturedHand:
     pictures = []
     for index, about in enumerate(facts["pictures"]):
         own = {name.partition("/")[2]: value for name, value in arrays.items() if name.startswith(f"{index}/")}
-        camera = Camera(own["K"], own["cam2world"], own["rgb"].shape[1::-1])
+        height, width = own["rgb"].shape[:2]
+        camera = Camera(own["K"], own["cam2world"], (width, height))
         pose = HandPose(own["theta"], own["beta"], own["transl"], "right", own["forearm"])
         gain = tuple(about.pop("log_gain"))
         pictures.append(

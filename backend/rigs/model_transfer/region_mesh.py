@@ -24,7 +24,7 @@ _CANDIDATES = 8
 _CHUNK = 50_000  # points that are searched at a time
 
 
-class RegionPoints(NamedTuple):
+class NearestPoints(NamedTuple):
     """Points on a mesh: faces [N], barycentric weights [N, 3], and how far [N] m they are from what was looked for."""
 
     face: np.ndarray
@@ -65,14 +65,14 @@ class RegionMesh:
         """[F] of each face: its first finger's, if any."""
         return self.regions[self.faces].max(1)
 
-    def nearest(self, points: np.ndarray, regions: np.ndarray) -> RegionPoints:
+    def nearest(self, points: np.ndarray, regions: np.ndarray) -> NearestPoints:
         """Find the closest points to points [N, 3] of regions [N]: of a finger, on that finger or on the palm."""
         face, weights = np.zeros(len(points), np.int64), np.zeros((len(points), 3))
         distance = np.zeros(len(points))
         for region in np.unique(regions):
             for rows in np.array_split(*_chunks(np.flatnonzero(regions == region))):
                 face[rows], weights[rows], distance[rows] = self._nearest_of(points[rows], int(region))
-        return RegionPoints(face, weights, distance)
+        return NearestPoints(face, weights, distance)
 
     def _nearest_of(self, points: np.ndarray, region: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         tree, face_of = self._trees[region]

@@ -24,7 +24,7 @@ from ..natural_range import local_theta
 from ..rest_alignment import HandAtRest, place_hand
 from ..shape_fit import HandShape, fit_shape, rest_nodes
 from .point_fit import FitPrior, PointGoals, fitted_to_points
-from .region_mesh import RegionMesh, RegionPoints
+from .region_mesh import NearestPoints, RegionMesh
 
 _REACHES_MM = (15.0, 12.0, 9.0, 7.0, 5.0, 5.0, 4.0, 4.0)  # of closest points, round by round
 _LEAST_AGREEMENT = 0.6  # cosine of both surfaces' normals
@@ -50,7 +50,7 @@ class Registration:
 
     rest: HandPose
     conformed: np.ndarray
-    points: RegionPoints
+    points: NearestPoints
     weight: np.ndarray
 
 
@@ -97,7 +97,7 @@ def _fitted_rest(ours: HandModel, other: HandModel, target: RegionMesh) -> HandP
 
 def _matched(
     ours: HandModel, other: HandModel, target: RegionMesh, vertices: np.ndarray, reach_mm: float
-) -> tuple[RegionPoints, np.ndarray]:
+) -> tuple[NearestPoints, np.ndarray]:
     """Find the closest points of the other's surface, and (1) which [V] are the same part of the skin."""
     mesh = RegionMesh.of(ours, vertices)
     points = target.nearest(vertices, mesh.regions)

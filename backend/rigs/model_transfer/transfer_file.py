@@ -14,7 +14,7 @@ from ...system.files import is_file, replacing
 from ...system.package_files import user_folder
 from ...system.readers import npz_bytes, read_npz
 from .model_transfer import ModelTransfer
-from .region_mesh import RegionPoints
+from .region_mesh import NearestPoints
 from .registration import Registration
 
 VERSION = 1
@@ -75,7 +75,7 @@ def _read(path: Path, ours: HandModel, other: HandModel) -> Registration:
     for name, shape in shapes.items():
         if name not in arrays or arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
             raise LiveHandError(f"{path} must hold {name} {list(shape)}; remove the file")
-    points = RegionPoints(arrays["face"].astype(np.int64), arrays["weights"], arrays["distance_m"])
+    points = NearestPoints(arrays["face"].astype(np.int64), arrays["weights"], arrays["distance_m"])
     if points.face.min() < 0 or points.face.max() >= len(other.f):
         raise LiveHandError(f"{path} must name faces of '{other.name}'; remove the file")
     return Registration(_pose(path, arrays, side), arrays["conformed"], points, arrays["weight"])

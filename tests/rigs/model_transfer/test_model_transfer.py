@@ -96,7 +96,8 @@ def test_what_is_no_hand_is_refused(hand, twin):
     inches = replace(twin.model, v_template=twin.model.v_template * 39.37)
     with pytest.raises(LiveHandError, match="it seems to be in inches"):
         ModelTransfer.of(hand, inches)
-    swollen = replace(twin.model, name="ball", v_template=twin.model.v_template * (1, 6, 1))
+    normals = area_weighted_normals(twin.model.v_template, twin.model.f)
+    swollen = replace(twin.model, name="ball", v_template=twin.model.v_template + 0.03 * normals)
     with pytest.raises(LiveHandError, match="'ball' must be a hand that the built-in one can be laid over"):
         ModelTransfer.of(hand, swollen)
 
