@@ -14,6 +14,7 @@ import numpy as np
 
 from ...backend.records.errors import LiveHandError
 from ...backend.system.files import check_regular
+from ..scene.removal import remove_scene
 
 _AT_ONCE = 100  # frames on disk
 _QUALITY = 95
@@ -57,7 +58,7 @@ class Movie:
     def close(self) -> None:
         """Remove the scene."""
         if self._scene is not None:
-            bpy.data.scenes.remove(self._scene)
+            remove_scene(self._scene)
             self._scene = None
 
     def frames(self) -> Iterator[np.ndarray]:

@@ -21,6 +21,7 @@ from ...backend.rigs.rest_alignment import align, source_nodes
 from ...backend.rigs.retarget import retarget
 from ...backend.rigs.shape_fit import HandShape, fit_shape
 from ...backend.rigs.source_skeleton import JointMap
+from ..scene.removal import remove_scene
 from .source import SourceRig, read_skeleton, sample_source
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "dm": 0.1, "ft": 0.3048}
@@ -117,8 +118,7 @@ def _temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
     finally:
         if window is not None:
             window.scene = shown
-        bpy.data.scenes.remove(scene)
-        bpy.data.batch_remove(all_data() - before)
+        remove_scene(scene, all_data() - before - {scene})
 
 
 def _importer(suffix: str) -> Importer | None:
