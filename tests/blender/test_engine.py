@@ -159,8 +159,8 @@ def no_camera(scene):
     scene.camera = None
 
 
-def orthographic(scene):
-    scene.camera.data.type = "ORTHO"
+def panoramic(scene):
+    scene.camera.data.type = "PANO"
 
 
 def no_hand(scene):
@@ -177,7 +177,7 @@ def missing_avatar(scene):
     ("spoil", "message"),
     [
         (no_camera, "camera"),
-        (orthographic, "perspective cameras only"),
+        (panoramic, "perspective and orthographic cameras only"),
         (no_hand, "needs a LiveHand hand"),
         (missing_avatar, "no file at"),
     ],

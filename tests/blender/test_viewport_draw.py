@@ -190,7 +190,7 @@ def test_what_stands_before_the_hand_hides_it(drawn, context, shared):
     assert np.all(pixels[..., :3] == GROUND)
 
 
-def test_the_mesh_stands_for_the_hand_until_there_is_an_image_and_in_orthographic_views(drawn, context, shared):
+def test_the_mesh_stands_for_the_hand_until_there_is_an_image_and_where_it_cannot_be_rendered(drawn, context, shared):
     viewport, engine, tagged = Viewport(shared), Engine(), []
     shared.timer.update_meshes = lambda: tagged.append(viewport.has_image)
     depsgraph = bpy.context.evaluated_depsgraph_get()
@@ -199,7 +199,8 @@ def test_the_mesh_stands_for_the_hand_until_there_is_an_image_and_in_orthographi
     assert not viewport.has_image
     drawn(lambda: show(viewport, engine, context, shared))
     assert viewport.has_image
-    orthographic(context)
+    broken_hand(context)
+    viewport.update(context, depsgraph)
     drawn(lambda: viewport.draw(engine, context, depsgraph))
     assert tagged == [True, False]
 
@@ -318,10 +319,6 @@ def missing_avatar(context):
     find_hands(context.scene)[0].livehand.avatar_path = "/missing.safetensors"
 
 
-def orthographic(context):
-    context.region_data.window_matrix = Matrix.Identity(4)
-
-
 def broken_hand(context):
     bone = find_hands(context.scene)[0].pose.bones[3]
     bone.name = "renamed"
@@ -329,7 +326,7 @@ def broken_hand(context):
 
 @pytest.mark.parametrize(
     ("spoil", "words"),
-    [(missing_avatar, "no file at"), (orthographic, "orthographic"), (broken_hand, "must keep its bones' names")],
+    [(missing_avatar, "no file at"), (broken_hand, "must keep its bones' names")],
 )
 def test_errors_are_shown_in_the_view(drawn, context, shared, monkeypatch, spoil, words):
     messages = []
