@@ -263,7 +263,7 @@ class LiveHandRender(CyclesEngine):
     ) -> tuple[Picture, Mapping[str, np.ndarray]]:
         """Compose the picture, and its light groups' passes."""
         around = scene_layer(scene) if frame.is_in_scene else None
-        surface = surface_of(view.task, view.motion) if frame.needs_surface else None
+        surface = surface_of(frame.hands, view.task, view.motion) if frame.needs_surface else None
         convert = self._converter(frame)
         picture = compose_picture(frame.hands, frames.samples, frame.size_px, convert, around, surface)
         return picture, group_passes(frames, frame.hands, frame.size_px, convert, scene)

@@ -80,7 +80,7 @@ class Viewport:
         Raises:
             LiveHandError: a hand of the scene has no mesh.
         """
-        self._visible = visible_hands(depsgraph)
+        self._visible = _drawn_hands(depsgraph)
         return tuple(hand.instance_id for hand in self._visible)
 
     def draw(self, engine: bpy.types.RenderEngine, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
@@ -106,7 +106,7 @@ class Viewport:
         self._foreground = None
         self._triangles.forget_unasked()
         try:
-            visible = visible_hands(depsgraph) if self._visible is None else self._visible
+            visible = _drawn_hands(depsgraph) if self._visible is None else self._visible
             self._hands = read_viewport_hands(context.space_data, depsgraph, visible, self._triangles)
             self._problem = ""
         except Exception as error:
@@ -165,6 +165,11 @@ class Viewport:
             self._message = _message_of(outcome.error) if outcome.error else ""
             self._texture = ImageTexture(outcome.value) if outcome.value else None
             self._is_empty = not outcome.error and not outcome.value
+
+
+def _drawn_hands(depsgraph: bpy.types.Depsgraph) -> tuple[VisibleHand, ...]:
+    """Find the hands that are drawn over the view: the holes of holdouts are Cycles', of their meshes."""
+    return tuple(hand for hand in visible_hands(depsgraph) if not hand.is_holdout)
 
 
 def _pixel_size(context: bpy.types.Context) -> int:
