@@ -154,7 +154,8 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
     )
     free_after_render: BoolProperty(
         name="Free Memory After Render",
-        description="Unload the avatars when a render in Blender's window is done; the next render loads them again",
+        description="Unload the avatars when a render in Blender's window is done, unless a view shows them; the next "
+        "render loads them again",
         default=True,
     )
     device: EnumProperty(name="Device", description="Where the renderer runs", items=_DEVICES)
