@@ -56,8 +56,7 @@ class PosedSurface(NamedTuple):
     """A posed detail surface: N vertices, M faces.
 
     Attributes:
-        vertices: [N, 3] m.
-        normals: [N, 3] unit.
+        vertices, normals: [N, 3] m, and unit.
         faces: [M, 3].
         corner_uv: [M, 3, 2].
         flex: [N] bend of the skin.
@@ -109,8 +108,7 @@ class DetailConstants(NamedTuple):
         deepened_from: how much of palmar creases shows.
         deepened_by: what bending adds.
         bump: of a stored step of a slope, m.
-        shade: what a stored step of shades and nails is worth.
-        gloss: of squared alphas.
+        shade, gloss: what a stored step of shades and nails is worth, and of squared alphas.
         bump_share: as `BUMP`.
         most_taps: as `MOST_TAPS`.
         pigment_colour: [3].
@@ -207,11 +205,9 @@ def _gather(seen, surface, constants, image, start, last, rows, of_pixel):
                 rows[row + _FLEX, count] = surface.flex[vertex]
             for k in range(3):
                 rows[_VIEW + k, count] = image.view_direction[start, k]
-                rows[_ORIGIN + k, count] = (
-                    (np.float32(at % seen.width) + _HALF) * seen.origin_axes[0, k]
-                    + (np.float32(at // seen.width) + _HALF) * seen.origin_axes[1, k]
-                    + seen.origin_axes[2, k]
-                )
+                x, y = np.float32(at % seen.width) + _HALF, np.float32(at // seen.width) + _HALF
+                axes = seen.origin_axes
+                rows[_ORIGIN + k, count] = x * axes[0, k] + y * axes[1, k] + axes[2, k]
             rows[_DEPTH, count] = seen.divisor[at]
             of_pixel[count] = start
             count += 1
