@@ -1,48 +1,59 @@
-"""`livehand warm-up` compiles the kernels ahead: numba keeps them on disk, and no first picture waits for them."""
+"""`livehand warm-up` compiles the kernels ahead: numba keeps them on disk, and no first picture waits for them.
+
+Blender does so in a process of its own, once after an install.
+"""
 
 from __future__ import annotations
 
 import argparse
+import threading
 import time
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..avatars.library import AVATAR_HELP, avatar_path
+from ..avatars.library import AVATAR_HELP, avatar_path, shipped_avatar_path
+from ..system.child_job import JobProgress, Report, run_job
 from ..system.command import Command
+from ..system.processes import lower_priority
 
 if TYPE_CHECKING:
     from ..hand.model import HandModel
     from ..records.shot import Shot
 
 _SIDE_PX = 64
+_LOOK_S = 0.5
 
 
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--avatar", type=avatar_path, metavar="NAME|FILE", help=AVATAR_HELP)
+class Prepared(NamedTuple):
+    """How long it took, s, and the folder that keeps the kernels; None: no folder takes them."""
+
+    seconds: float
+    folder: Path | None
 
 
-def _run(args: argparse.Namespace) -> dict:
+def prepare_kernels(avatar_path: Path) -> Prepared:
+    """Compile the kernels that render this avatar of the built-in hand; numba must be there.
+
+    Raises:
+        LiveHandError: the avatar cannot be read.
+    """
     from ..avatars.file import load_avatar
+    from ..compute.kernels.cache_folder import mark_prepared
     from ..hand.model_file import load_default_hand
-    from ..render.backends import has_numba, kernel_cache
+    from ..render.backends import kernel_cache
     from ..render.renderer import Renderer
 
-    if not has_numba():
-        return {"compiled": False, "summary": "numba is not installed: there are no kernels to compile"}
-    began, avatar = time.perf_counter(), load_avatar(args.avatar)
-    hand = load_default_hand()
-    for precision in ("bf16", "fp32"):
+    began, avatar, hand = time.perf_counter(), load_avatar(avatar_path), load_default_hand()
+    for precision in ("fp32", "bf16"):
         renderer = Renderer(avatar, hand, "cpu", precision)
         for shot in _shots(hand):
             renderer.render(shot)
-    took_s, folder = time.perf_counter() - began, kernel_cache()
-    kept = f"kept in {folder}" if folder else "but no folder takes them: the next process compiles them again"
-    return {
-        "compiled": True,
-        "seconds": round(took_s, 1),
-        "folder": None if folder is None else str(folder),
-        "summary": f"kernels compiled in {took_s:.0f} s, {kept}",
-    }
+    folder = kernel_cache()
+    if folder is not None:
+        mark_prepared(folder)
+    return Prepared(time.perf_counter() - began, folder)
 
 
 def _shots(hand: HandModel) -> list[Shot]:
@@ -65,6 +76,47 @@ def _shots(hand: HandModel) -> list[Shot]:
     studio = studio_light()
     occluded = Light(studio.lamps, studio.sky, occluders=beside[None].astype(np.float32))
     return [shot, replace(shot, light=studio), replace(shot, light=occluded)]
+
+
+def run() -> None:
+    """Compile the kernels in the process of a job."""
+    run_job(_prepared, "the kernels need more memory than is free; close other programs")
+
+
+def _prepared(_request: None, report: Report) -> Mapping[str, Any]:
+    lower_priority()
+    threading.Thread(target=_count, args=(report,), name="livehand count", daemon=True).start()
+    return {"seconds": prepare_kernels(shipped_avatar_path()).seconds}
+
+
+def _count(report: Report) -> None:
+    """Report how many kernels are compiled, until the process ends."""
+    from ..compute.cpu import backend  # noqa: F401, which imports all kernels
+    from ..compute.kernels.compiled import kernel_counts
+
+    while True:
+        compiled, every = kernel_counts()
+        report(JobProgress(f"{compiled} of {every}", compiled / max(every, 1)))
+        time.sleep(_LOOK_S)
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--avatar", type=avatar_path, metavar="NAME|FILE", help=AVATAR_HELP)
+
+
+def _run(args: argparse.Namespace) -> dict:
+    from ..render.backends import has_numba
+
+    if not has_numba():
+        return {"compiled": False, "summary": "numba is not installed: there are no kernels to compile"}
+    took_s, folder = prepare_kernels(args.avatar)
+    kept = f"kept in {folder}" if folder else "but no folder takes them: the next process compiles them again"
+    return {
+        "compiled": True,
+        "seconds": round(took_s, 1),
+        "folder": None if folder is None else str(folder),
+        "summary": f"kernels compiled in {took_s:.0f} s, {kept}",
+    }
 
 
 COMMAND = Command("warm-up", "compile the kernels ahead, once on a machine", _add_arguments, _run)

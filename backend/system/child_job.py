@@ -19,9 +19,22 @@ from typing import Any, NamedTuple
 from ..records.errors import LiveHandError
 from .processes import end_by_input
 
-_START = (
-    "import importlib, json, sys; sys.path[:] = json.loads(sys.argv[1]); importlib.import_module(sys.argv[2]).run()"
-)
+# The package has the same name there, also as Blender's extension, because compiled kernels are kept by their names.
+_START = """
+import importlib, json, sys, types
+from importlib.util import module_from_spec, spec_from_file_location
+sys.path[:], package, root, module = json.loads(sys.argv[1])
+above = package.split(".")[:-1]
+for number in range(len(above)):
+    name = ".".join(above[: number + 1])
+    sys.modules[name] = types.ModuleType(name)
+    sys.modules[name].__path__ = []
+spec = spec_from_file_location(package, root + "/__init__.py", submodule_search_locations=[root])
+sys.modules[package] = module_from_spec(spec)
+spec.loader.exec_module(sys.modules[package])
+importlib.import_module(f"{package}.backend.{module}").run()
+"""
+_ROOT, _PACKAGE = Path(__file__).parents[2], __name__.removesuffix(".backend.system.child_job")
 _END_S = 2.0
 
 
@@ -56,8 +69,9 @@ class ChildJob:
     @classmethod
     def start(cls, name: str, module: str, request: Any) -> ChildJob:
         """Start the function `run` of a module of the backend, which is given a request of JSON's types."""
-        path = [str(Path(__file__).parents[2]), *filter(None, sys.path)]  # an empty one is the current folder
-        command = [sys.executable, "-I", "-c", _START, json.dumps(path), f"backend.{module}", json.dumps(request)]
+        path = list(filter(None, sys.path))  # an empty one is the current folder
+        where = json.dumps([path, _PACKAGE, str(_ROOT), module])
+        command = [sys.executable, "-I", "-c", _START, where, json.dumps(request)]
         return cls(name, subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE))
 
     @property
@@ -124,7 +138,7 @@ def run_job(work: Callable[[Any, Report], Mapping[str, Any]], too_large: str) ->
     """
     threading.Thread(target=_end_with_parent, name="livehand parent", daemon=True).start()
     try:
-        _write(dict(work(json.loads(sys.argv[3]), lambda now: _write({"progress": now.text, "share": now.share}))))
+        _write(dict(work(json.loads(sys.argv[2]), lambda now: _write({"progress": now.text, "share": now.share}))))
     except LiveHandError as error:
         _write({"error": str(error)})
     except MemoryError:

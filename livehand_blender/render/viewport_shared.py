@@ -9,6 +9,7 @@ import bpy
 from ...backend.render.preview_scheduler import PreviewScheduler
 from ...backend.render.session import Session
 from ..scene.settings import ENGINE
+from .preparation import Preparation
 
 _INTERVAL_S = 0.01
 
@@ -16,8 +17,9 @@ _INTERVAL_S = 0.01
 class ViewportShared:
     """The session with its avatars, one thread and one timer. The registered render engine owns it."""
 
-    def __init__(self, session: Session):
+    def __init__(self, session: Session, preparation: Preparation | None = None):
         self.session = session
+        self.preparation = preparation or Preparation()
         self.preview = PreviewScheduler()
         self.timer = RedrawTimer(self.preview)
 
