@@ -113,7 +113,9 @@ def _file_key(path: Path) -> tuple:
     try:
         stat = path.stat()
     except OSError as error:
-        raise LiveHandError(f"no file at {path} ({error.strerror}); choose another in the hand's properties") from error
+        raise LiveHandError(
+            f"no file at {path} ({error.strerror}); choose another in the LiveHand tab of the 3D view's sidebar"
+        ) from error
     return (path, stat.st_mtime_ns, stat.st_size)
 
 

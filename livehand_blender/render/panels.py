@@ -64,7 +64,7 @@ def draw_mode(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     layout.prop(scene.livehand, "mode")
     if scene.livehand.mode == "SCENE" and scene.render.film_transparent:
         box = layout.box()
-        box.label(text="The film hides the world", icon="INFO")
+        box.label(text="World Hidden by Film", icon="INFO")
         box.prop(scene.render, "film_transparent", text="Transparent Film")
 
 

@@ -189,7 +189,7 @@ def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side)
         raise LiveHandError(
             f"{path.name} must hold a {side or own} hand, there is none in this file: no bones are named like fingers, "
             "and none has five chains of bones below it; give a file with fingers, or import it with Blender and "
-            "choose the bones under Other Rig"
+            "choose the bones under Retarget"
         )
     return best
 

@@ -34,6 +34,7 @@ class LIVEHAND_OT_live(bpy.types.Operator):
     filepath: StringProperty(name="File", description="The video", subtype="FILE_PATH")
     focal_mm: FloatProperty(
         name="Focal Length",
+        subtype="DISTANCE_CAMERA",
         description="Of the camera for a film 36 mm wide; 0: guessed, which is wrong in the distance only",
         min=0,
         soft_max=120,
@@ -44,13 +45,13 @@ class LIVEHAND_OT_live(bpy.types.Operator):
     def poll(cls, context):
         """Enable it once packages, PyAV and the tracker's networks are there, and nothing runs."""
         if missing_requirements():
-            cls.poll_message_set("Python packages are missing; see the Render panel")
+            cls.poll_message_set("Python packages are missing; see the top of the LiveHand tab")
             return False
         if importlib.util.find_spec("av") is None:
-            cls.poll_message_set(f"cameras need PyAV; install it: {INSTALL_VIDEO}")
+            cls.poll_message_set(f"Cameras need PyAV; install it: {INSTALL_VIDEO}")
             return False
         if not has_networks():
-            cls.poll_message_set(f"the hand tracker is missing; run in a terminal: {FETCH_COMMAND}")
+            cls.poll_message_set(f"The hand tracker is missing; run in a terminal: {FETCH_COMMAND}")
             return False
         return LiveSession.running is None
 

@@ -36,6 +36,7 @@ class LIVEHAND_OT_import_video(NeedsTracker, RunsJob, bpy.types.Operator, Import
     filter_glob: StringProperty(default=_PATTERN, options={"HIDDEN"})
     focal_mm: FloatProperty(
         name="Focal Length",
+        subtype="DISTANCE_CAMERA",
         description="Of the filming camera for a film 36 mm wide; 0: guessed, which is wrong in the distance only",
         min=0,
         soft_max=120,
@@ -43,7 +44,7 @@ class LIVEHAND_OT_import_video(NeedsTracker, RunsJob, bpy.types.Operator, Import
     start_frame: IntProperty(name="Start Frame", description="Frame at which the movie starts", default=1)
     is_picture_mirrored: BoolProperty(name="Mirrored Picture", description="The video was mirrored, as selfies are")
     match_scene: BoolProperty(
-        name="Film's Size and Rate",
+        name="Match Scene to Video",
         description="Give the scene the video's size, frame rate and length; off: the motion is resampled",
         default=True,
     )
@@ -97,7 +98,6 @@ class LIVEHAND_PT_video(HandTab, bpy.types.Panel):
     """Hands from videos."""
 
     bl_label = "Video"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
         """Import and live hands, or how to fetch the tracker."""

@@ -195,6 +195,17 @@ def test_an_error_stops_the_render_with_its_message(
     assert not list(tmp_path.iterdir())
 
 
+def test_depth_of_field_of_an_orthographic_camera_is_an_error_with_a_remedy(hand_scene, fake_session, tmp_path):
+    hand_scene.render.filepath = str(tmp_path / "still.png")
+    lens = hand_scene.camera.data
+    lens.type, lens.dof.use_dof = "ORTHO", True
+    with pytest.raises(RuntimeError, match="turn its depth of field off"):
+        bpy.ops.render.render(write_still=True)
+    lens.dof.use_dof = False
+    bpy.ops.render.render(write_still=True)
+    assert fake_session.made[-1].shots[-1].camera.is_orthographic
+
+
 def test_an_unexpected_exception_stops_an_animation(hand_scene, fake_session, fake_renderer, tmp_path, monkeypatch):
     def fail(self, shot, should_stop):
         raise ZeroDivisionError("division by zero")

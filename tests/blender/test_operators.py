@@ -95,7 +95,7 @@ def test_reset_pose_rests_the_hand_and_keeps_its_shape():
 
 
 def test_reset_pose_works_from_the_mesh_and_reports_errors():
-    with pytest.raises(RuntimeError, match="select a LiveHand hand first"):
+    with pytest.raises(RuntimeError, match="Select a LiveHand hand first"):
         bpy.ops.livehand.reset_pose()
     hand = add_hand(bpy.context, load_default_hand())
     bpy.context.view_layer.objects.active = mesh_of(hand)
@@ -137,7 +137,7 @@ def test_install_command_names_python_target_and_packages(monkeypatch):
 
 def test_the_install_command_is_disabled_when_nothing_is_missing(monkeypatch):
     monkeypatch.setattr(dependencies, "REQUIREMENTS", dependencies.REQUIREMENTS[:0])
-    with pytest.raises(RuntimeError, match="no package is missing"):
+    with pytest.raises(RuntimeError, match="No package is missing"):
         bpy.ops.livehand.copy_install_command()
 
 
