@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from ..records.errors import LiveHandError
 from .processes import end_by_input
@@ -126,7 +126,7 @@ def _message(line: bytes) -> Mapping[str, Any]:
         message = json.loads(line)
     except ValueError:
         return {}
-    return message if isinstance(message, dict) else {}
+    return cast("Mapping[str, Any]", message) if isinstance(message, dict) else {}
 
 
 def run_job(work: Callable[[Any, Report], Mapping[str, Any]], too_large: str) -> None:

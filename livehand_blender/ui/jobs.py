@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import bpy
 
@@ -43,8 +43,8 @@ class RunsJob:
 
     bl_label: str
     report: Callable[[set[str], str], None]
-    start: Callable[[bpy.types.Context], BackgroundJob]
-    take: Callable[[bpy.types.Context, BackgroundJob], None]
+    start: Callable[[bpy.types.Context], Any]
+    take: Callable[[bpy.types.Context, Any], None]
 
     def execute(self, context):
         """Start; in a window, Blender then calls `modal` by a timer, else it waits."""

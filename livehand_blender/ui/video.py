@@ -10,13 +10,14 @@ from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...backend.motion.landmarks.take_file import warning_of
-from ...backend.records.side import SIDES
+from ...backend.records.side import SIDES, Side
 from ...backend.tracking.film_job import FilmRequest
 from ...backend.tracking.weights import FETCH_COMMAND, has_networks
 from ..motion.film_job import FilmJob
 from ..motion.film_scene import film_camera, hand_of_side, match_film, new_hand
 from ..motion.filmed import key_take
 from ..motion.keying import Placement
+from ..rig.hand import RiggedHand
 from ..rig.sliders import read_beta
 from .jobs import RunsJob
 from .live import draw_live
@@ -51,7 +52,9 @@ class LIVEHAND_OT_import_video(NeedsTracker, RunsJob, bpy.types.Operator, Import
 
     def start(self, context: bpy.types.Context) -> FilmJob:
         """Track and fit everything first, so that an error changes nothing."""
-        hands = {side: hand for side in SIDES if (hand := hand_of_side(context, side)) is not None}
+        hands: dict[Side, RiggedHand] = {
+            side: hand for side in SIDES if (hand := hand_of_side(context, side)) is not None
+        }
         return FilmJob(
             FilmRequest(
                 source=str(Path(bpy.path.abspath(self.filepath))),

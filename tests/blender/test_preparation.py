@@ -1,8 +1,11 @@
 """Kernels are compiled in the background once: when they are missing, and packages are there."""
 
 import importlib
+import tomllib
+from pathlib import Path
 from types import SimpleNamespace
 
+import livehand
 import pytest
 from livehand.backend.compute.kernels import cache_folder
 from livehand.backend.system.child_job import JobProgress
@@ -41,6 +44,14 @@ def test_it_starts_once_and_says_how_far_it_is(started):
     assert one.progress is None
     draw_preparation(layout, one.progress)
     assert len(drawn) == 1
+
+
+@pytest.mark.parametrize("module", ["render/backends.py", "tracking/film_job.py", "person/command.py"])
+def test_what_jobs_run_is_in_the_extension(module):
+    root = Path(livehand.__file__).parent
+    manifest = tomllib.loads((root / "blender_manifest.toml").read_text())
+    excluded = [pattern for pattern in manifest["build"]["paths_exclude_pattern"] if pattern.startswith("/")]
+    assert [pattern for pattern in excluded if f"/backend/{module}".startswith(pattern)] == []
 
 
 @pytest.mark.parametrize("why", ["packages are missing", "kernels are compiled", "numba is missing"])

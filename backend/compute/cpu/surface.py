@@ -219,7 +219,7 @@ def detailed_image(
     """Replace the image's skin by the avatar's surface."""
     surface = PosedSurface(*as_arrays(mesh.vertices, mesh.normals, mesh.faces, mesh.corner_uv, mesh.flex))
     of_pixels = seen.face, seen.coverage, camera.divisor(seen.depth), origin_axes(camera)
-    faces = VisibleFaces(*as_arrays(*of_pixels), camera.size_px[0])
+    faces = VisibleFaces._make((*as_arrays(*of_pixels), camera.size_px[0]))
     table = DetailTable(maps.table.numpy(), np.array([first for first, _ in maps.levels]), maps.resolution)
     ratio = _ratio_table(maps)
     changed = image._replace(**{name: _copy(getattr(image, name)) for name in ("coefficients", "normal", "alpha")})
