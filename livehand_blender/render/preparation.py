@@ -25,7 +25,7 @@ class Preparation:
         from ...backend.compute.kernels.cache_folder import is_prepared
 
         if not is_prepared():
-            self._job = ChildJob.start("preparing LiveHand", "render.backends", None)
+            self._job = ChildJob.start("preparing LiveHand", "render.session", None)
 
     @property
     def progress(self) -> JobProgress | None:

@@ -46,7 +46,7 @@ def test_it_starts_once_and_says_how_far_it_is(started):
     assert len(drawn) == 1
 
 
-@pytest.mark.parametrize("module", ["render/backends.py", "tracking/film_job.py", "person/command.py"])
+@pytest.mark.parametrize("module", ["render/session.py", "tracking/film_job.py", "person/command.py"])
 def test_what_jobs_run_is_in_the_extension(module):
     root = Path(livehand.__file__).parent
     manifest = tomllib.loads((root / "blender_manifest.toml").read_text())
