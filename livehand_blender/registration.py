@@ -20,6 +20,7 @@ from .ui import (
     look,
     motion,
     motion_files,
+    new_scene,
     operators,
     packages,
     panels,
@@ -39,6 +40,7 @@ CLASSES = (
     *operators.CLASSES,
     *packages.CLASSES,
     *studio.CLASSES,
+    *new_scene.CLASSES,
     *posing.CLASSES,
     *pose_library.CLASSES,
     *shape.CLASSES,
@@ -76,6 +78,7 @@ def register() -> None:
     live_hands.watch_files()
     pose_library.add_keys()
     main_thread.start()
+    engine.prepare_soon()
     BlenderCommand.register()
 
 
@@ -83,6 +86,7 @@ def unregister() -> None:
     """Unregister everything: Blender 4.5 as a module hangs at exit if anything is still registered."""
     stop_rendered_views()
     BlenderCommand.unregister()
+    engine.stop_preparing()
     main_thread.stop()
     pose_library.remove_keys()
     live_hands.stop_watching()

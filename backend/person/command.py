@@ -1,4 +1,4 @@
-"""`livehand person`: from a film, photographs or a capture of somebody's hand to an avatar of theirs."""
+"""`livehand person`: from a film, photographs or a capture of somebody's hand to an avatar of theirs; also as a job."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..hand.model_file import DEFAULT_HAND, load_hand_model
 from ..records.errors import LiveHandError
 from ..records.side import SIDES
+from ..system.child_job import ChildJob, JobProgress, run_job
 from ..system.command import Command
 
 if TYPE_CHECKING:
@@ -124,3 +125,18 @@ def _say(line: str) -> None:
 
 
 COMMAND = Command("person", "make an avatar of somebody's hand from pictures", _add_arguments, _run)
+
+
+def start_person(arguments: list[str]) -> ChildJob:
+    """Start the command in a process of its own; its result is what the command reports."""
+    return ChildJob.start("making the avatar", "person.command", arguments)
+
+
+def run() -> None:
+    """Make the person in the process of a job, whose request are the command's arguments."""
+    parser = argparse.ArgumentParser(COMMAND.name)
+    _add_arguments(parser)
+    run_job(
+        lambda request, report: making(parser.parse_args(request), lambda line: report(JobProgress(line))),
+        "the avatar needs more memory than is free; close other programs, or give fewer pictures",
+    )

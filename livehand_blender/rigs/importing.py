@@ -24,6 +24,7 @@ from ...backend.rigs.retarget import retarget
 from ...backend.rigs.shape_fit import HandShape, fit_shape
 from ...backend.rigs.source_skeleton import JointMap
 from ...backend.system.files import MIB, read_regular
+from ..scene.removal import remove_scene
 from .source import SourceRig, read_skeleton, sample_source
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "dm": 0.1, "ft": 0.3048}
@@ -121,8 +122,7 @@ def _temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
     finally:
         if window is not None:
             window.scene = shown
-        bpy.data.scenes.remove(scene)
-        bpy.data.batch_remove(all_data() - before)
+        remove_scene(scene, all_data() - before - {scene})
 
 
 def _importer(suffix: str) -> Importer | None:
@@ -203,7 +203,7 @@ def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side)
         raise LiveHandError(
             f"{path.name} must hold a {side or own} hand, there is none in this file: no bones are named like fingers, "
             "and none has five chains of bones below it; give a file with fingers, or import it with Blender and "
-            "choose the bones under Other Rig"
+            "choose the bones under Retarget"
         )
     return best
 

@@ -33,6 +33,7 @@ class LIVEHAND_OT_live(bpy.types.Operator):
     filepath: StringProperty(name="File", description="The video", subtype="FILE_PATH")
     focal_mm: FloatProperty(
         name="Focal Length",
+        subtype="DISTANCE_CAMERA",
         description="Of the camera for a film 36 mm wide; 0: guessed, which is wrong in the distance only",
         min=0,
         soft_max=120,

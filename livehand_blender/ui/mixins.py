@@ -14,6 +14,8 @@ from ...backend.system.packages import missing_requirements
 from ...backend.tracking.weights import has_networks
 from ..rig.hand import active_hand
 
+SIDES = (("right", "Right", "A right hand"), ("left", "Left", "A left hand"))
+
 
 def polled_hand(context: bpy.types.Context) -> bpy.types.Object:
     """Return the active hand's armature, in a panel or operator whose `poll` has succeeded."""
@@ -46,7 +48,7 @@ class OnHand:
     def poll(cls, context):
         """Enable it if a hand is active."""
         if active_hand(context) is None:
-            cls.poll_message_set("select a LiveHand hand first")
+            cls.poll_message_set("Select a LiveHand hand first")
             return False
         return True
 
@@ -106,12 +108,21 @@ class Tab:
     bl_category = "LiveHand"
 
 
-class HandTab(Tab):
-    """Mixin of panels below *Hand*."""
-
-    bl_parent_id = "LIVEHAND_PT_hand"
+class OfHand:
+    """Mixin of panels that need an active hand."""
 
     @classmethod
     def poll(cls, context):
         """Show it if a hand is active."""
         return active_hand(context) is not None
+
+
+class AdvancedTab(Tab):
+    """Mixin of panels below *Advanced*."""
+
+    bl_parent_id = "LIVEHAND_PT_advanced"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+
+class HandTab(OfHand, AdvancedTab):
+    """Mixin of panels below *Advanced* that need an active hand."""

@@ -51,6 +51,8 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
     def invoke(self, context, event):
         """Ask for the settings of a dropped file, or open the file browser."""
         self.start_frame = context.scene.frame_current
+        if not self.directory:  # else Blender proposes the name of the .blend
+            self.directory = bpy.path.abspath("//") or str(Path.home())
         return self.invoke_popup(context)
 
     def draw(self, context):
@@ -187,7 +189,6 @@ class LIVEHAND_PT_motion(HandTab, bpy.types.Panel):
     """Motions of the active hand."""
 
     bl_label = "Motion"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
         """Import and export."""

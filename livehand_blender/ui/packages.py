@@ -13,6 +13,7 @@ from ...backend.system.package_install import PackageInstall, PipJob, download_m
 from ...backend.system.packages import CAMERA, PICTURES, Requirement, missing_of, missing_requirements
 from ...backend.system.shells import Shell, command_line, shells_of
 from ...backend.tracking.weights import PACKAGE, has_networks, keep_networks
+from ..render.engine import prepare_soon
 from ..render.package_folder import packages_folder, use_packages
 from ..scene.settings import ENGINE
 from .mixins import Tab
@@ -158,6 +159,7 @@ class LIVEHAND_OT_install_packages(RunsPip, bpy.types.Operator):
         use_packages()
         if outcome == {"FINISHED"}:
             _restart_rendered_views()
+            prepare_soon()
         return outcome
 
 
@@ -229,6 +231,7 @@ class LIVEHAND_PT_packages(Tab, bpy.types.Panel):
     """What is missing before the first picture, at the top of the tab."""
 
     bl_label = "Packages"
+    bl_order = -1
     bl_options = {"HIDE_HEADER"}
 
     @classmethod

@@ -21,7 +21,7 @@ class LIVEHAND_AP_preferences(bpy.types.AddonPreferences):
     bl_idname = _ADDON
 
     avatar_folder: StringProperty(
-        name="Avatars",
+        name="Avatar Folder",
         description="Folder of your own avatars (.safetensors), which Choose Avatar lists beside LiveHand's",
         subtype="DIR_PATH",
     )

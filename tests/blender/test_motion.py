@@ -296,6 +296,10 @@ class Layout:
     def column(self, align=False):
         return self
 
+    def panel(self, name, default_closed=False):
+        assert default_closed
+        return self, self
+
     def label(self, text):
         self.drawn.append(text)
 

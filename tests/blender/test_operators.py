@@ -90,7 +90,7 @@ def test_reset_pose_rests_the_hand_and_keeps_its_shape():
 
 
 def test_reset_pose_works_from_the_mesh_and_reports_errors():
-    with pytest.raises(RuntimeError, match="select a LiveHand hand first"):
+    with pytest.raises(RuntimeError, match="Select a LiveHand hand first"):
         bpy.ops.livehand.reset_pose()
     hand = add_hand(bpy.context, load_default_hand())
     bpy.context.view_layer.objects.active = mesh_of(hand)
