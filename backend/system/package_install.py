@@ -18,13 +18,15 @@ import threading
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
-from pathlib import Path
+from pathlib import Path, PurePath
+from typing import TypeVar
 
 from ..records.errors import LiveHandError
 from .files import MIB
 from .packages import Requirement, pip_requirements
 from .processes import is_running
 
+_AnyPath = TypeVar("_AnyPath", bound=PurePath)
 _END_S = 2.0
 _CUDA_MB = 2700  # torch for Linux from the usual index
 _SHARE_OF_LINUX = {"win32": 0.65, "darwin": 0.6}  # sizes of downloads
@@ -114,7 +116,7 @@ class PipJob:
                 creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
             )
         except OSError as error:
-            raise LiveHandError(f"{sys.executable} must run pip ({error}); repair Blender's installation") from error
+            raise LiveHandError(f"Blender's Python must run pip ({error}); repair Blender's installation") from error
         job = cls(temporary, process)
         job._reader.start()
         return job
@@ -256,7 +258,7 @@ class PackageInstall:
         _remove_unfinished(self.folder)
 
 
-def _unfinished(folder: Path) -> Path:
+def _unfinished(folder: _AnyPath) -> _AnyPath:
     """Return where the packages wait; the name is short, as Windows takes paths of 259 characters."""
     return folder.with_name(f"{folder.name}~{os.getpid()}")
 

@@ -531,7 +531,7 @@ def _left_map(hand, folder):
         (["right.glb", "--armature", "Nobody"], "the armature 'Nobody'"),
         (["right.glb", "--mesh", "Nothing"], "mesh of 'Elsewhere' 'Nothing'"),
         (["right.glb", "--scale", "100"], "0.1 to 0.3 m"),
-        (["right.glb", "--side", "left"], "left hand's joints, there is no such hand"),
+        (["right.glb", "--side", "left"], "must have 'left' in its name"),
         (["right.glb", "--bones", "mine.npz"], "must be JSON"),
     ],
 )

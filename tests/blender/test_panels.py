@@ -233,7 +233,7 @@ def test_the_tab_is_avatar_pose_light_render_and_all_else_is_advanced():
     ]
     shown = [one for one in of_tab if "INSTANCED" not in getattr(one, "bl_options", ())]
     top = sorted((one for one in shown if not hasattr(one, "bl_parent_id")), key=lambda one: one.bl_order)
-    assert [one.bl_label for one in top] == ["Avatar", "Pose", "Light", "Render", "Advanced"]
+    assert [one.bl_label for one in top] == ["Packages", "Avatar", "Pose", "Light", "Render", "Advanced"]
     assert [one.bl_label for one in top if "DEFAULT_CLOSED" in getattr(one, "bl_options", ())] == ["Advanced"]
     below = {one.bl_label for one in shown if getattr(one, "bl_parent_id", "") == "LIVEHAND_PT_advanced"}
     assert below == {

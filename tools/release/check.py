@@ -26,7 +26,12 @@ OPTIONAL = {
     "av": ("backend/tracking/",),
     "cv2": ("backend/capture/masks/",),
     "matplotlib": ("backend/system/figure.py",),
-    "scipy": ("backend/person/", "backend/surface/atlas_texels.py", "backend/hand/penetration.py"),
+    "scipy": (
+        "backend/person/",
+        "backend/rigs/model_transfer/",
+        "backend/surface/atlas_texels.py",
+        "backend/hand/penetration.py",
+    ),
 }
 """What only some features need, which ask for it, and the modules that may import it."""
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
