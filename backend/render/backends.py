@@ -55,7 +55,7 @@ def has_warp() -> bool:
     except ModuleNotFoundError:
         return False
     try:
-        from ..compute.gpu.device_check import check_gpu
+        from ..compute.gpu.backend import check_gpu
 
         check_gpu()
     except Exception as error:  # whatever is broken in Warp or the driver, torch can still render

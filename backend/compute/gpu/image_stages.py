@@ -11,8 +11,9 @@ from ...image.edge_avoiding_filter import RaySurfacePoints
 from ...image.shading import EnlargedRays, RaysAround, ShadingInputs, SurfaceDepth, ray_depths, ray_rows
 from ...light.lighting import COEFFICIENTS, BumpMapping, LightFeatures
 from ..reference import ReferenceBackend
-from .kernels.pixels import enlarge_pixels, mean_over_surface, ray_shares, relit_pixels, smooth_pixels, step_normals
-from .launches import launch
+from .kernels.compiled import launch
+from .kernels.pixels import enlarge_pixels, mean_over_surface, ray_shares, smooth_pixels, step_normals
+from .kernels.relight import relit_pixels
 
 _VALUES = COEFFICIENTS + 4
 """Of a pixel: coefficients, normal, and its weight in the means over pixels."""

@@ -1,22 +1,26 @@
-"""Light, without gradients: as `light.{shadow_maps, visibility, lighting, indirect_diffuse}`."""
+"""Light, without gradients: as `light.{shadow_maps, visibility, lighting, indirect_diffuse, near_field_light}`."""
 
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
-from ...geometry.mesh import Topology
-from ...light.indirect_diffuse import Surfels, indirect_diffuse_on_mesh
+from ...geometry.mesh import PosedMesh, Topology
+from ...light.indirect_diffuse import MeshPoints, Surfels, indirect_diffuse_on_mesh
 from ...light.lighting import AmbientOcclusion, FrameShadows, LightFeatures, SurfacePoints
+from ...light.near_field_light import NearFieldFeatures, sky_cells
+from ...light.nearby_geometry import Patches
 from ...light.samples import LightSamples
 from ...light.shadow_maps import PointShadows, ShadowScene
 from ...light.sky_samples import SkySamples
 from ...light.visibility import MAP_PX, ShadowMapPoints
 from ..reference import ReferenceBackend
-from .kernels.compiled import INFINITE_BITS
+from .kernels.compiled import INFINITE_BITS, lanes_of, launch
 from .kernels.features import add_lamps, add_surfels, sky_features, sum_surfels
 from .kernels.features import ambient_occlusion as fill_ambient_occlusion
+from .kernels.features import mesh_points as fill_mesh_points
+from .kernels.nearby import near_field_light as fill_near_light
 from .kernels.shadow import (
     draw_nearest,
     draw_others,
@@ -27,7 +31,6 @@ from .kernels.shadow import (
     project_casters,
 )
 from .kernels.shadow import look_up as fill_shadows
-from .launches import lanes_of, launch
 
 _LEAST, _MOST = torch.iinfo(torch.int32).min, torch.iinfo(torch.int32).max
 _BOUND_PARTS, _SURFEL_PARTS = 32, 1  # times the lanes: threads of a view, and of a point
@@ -133,7 +136,27 @@ def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tens
     return found
 
 
-class LightStages(ReferenceBackend):
+def mesh_points(
+    mesh: PosedMesh, faces: Int[Tensor, "F 3"], face: Int[Tensor, " R"], position: Float[Tensor, "R 3"]
+) -> MeshPoints:
+    """Locate points on the mesh, as `light.indirect_diffuse.MeshPoints.of`; face -1 is none."""
+    found = MeshPoints(faces.new_empty(len(face), 3), position.new_empty(len(face), 3))
+    launch(fill_mesh_points, len(face), mesh.vertices, faces, face.long(), position, *found)
+    return found
+
+
+def near_field_light(
+    patches: Patches, sky_visibility: PointShadows, emitted: Float[Tensor, "P 3"], points: SurfacePoints
+) -> NearFieldFeatures:
+    """Compute near-field light, as `light.near_field_light.near_field_light`."""
+    count = len(points.position)
+    found = NearFieldFeatures(*(emitted.new_empty(count, *shape) for shape in ((3, 3), (2, 3), (2, 3))))
+    around = patches.position, patches.normal, patches.area_m2, emitted, sky_visibility.lit, *sky_cells(emitted.device)
+    launch(fill_near_light, count, *points[:4], *around, *found)
+    return found
+
+
+class RadianceStages(ReferenceBackend):
     """Light by Warp."""
 
     look_up = staticmethod(look_up)
@@ -141,3 +164,5 @@ class LightStages(ReferenceBackend):
     ambient_occlusion = staticmethod(ambient_occlusion)
     light_features = staticmethod(light_features)
     indirect_diffuse = staticmethod(indirect_diffuse)
+    mesh_points = staticmethod(mesh_points)
+    near_field_light = staticmethod(near_field_light)

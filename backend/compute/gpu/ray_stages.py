@@ -15,11 +15,10 @@ from ...field.surface_tracking import trace as trace_reference
 from ...geometry.rasterise import NearestFronts
 from ...geometry.uvh import SurfaceSamples
 from ..reference import ReferenceBackend
-from .kernels.compiled import INFINITE_BITS
+from .kernels.compiled import INFINITE_BITS, lanes_of, launch
 from .kernels.raster import find_fronts, prepare_view, project_vertices, ray_directions, read_words
 from .kernels.raster import view_directions as fill_views
 from .kernels.shell import face_corners, fill_intervals, find_crossings, trace_samples
-from .launches import lanes_of, launch
 
 LOGGER = logging.getLogger(__name__)
 

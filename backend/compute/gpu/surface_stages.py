@@ -17,10 +17,10 @@ from ...surface.edge_antialiasing import STEP_M, STEP_PX, EdgePixels
 from ...surface.ray_hits import RayHits
 from ..reference import ReferenceBackend
 from .image_stages import row_of
+from .kernels.compiled import launch
 from .kernels.detail import add_skin, fine_vertices, finer_field, vertex_normals
 from .kernels.edges import blend_parts, edge_shares, mark_pixels, sample_faces, spread_coverage
 from .kernels.raster import normals_at
-from .launches import launch
 from .ray_stages import projected, shown_faces, view_of
 
 _LANES = 1
@@ -132,7 +132,7 @@ def _copy(values: Tensor) -> Tensor:
     return values.clone(memory_format=torch.contiguous_format)
 
 
-class SurfaceStages(ReferenceBackend):
+class DetailStages(ReferenceBackend):
     """The avatar's surface by Warp."""
 
     detail_mesh = staticmethod(detail_mesh)

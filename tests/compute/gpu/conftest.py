@@ -6,6 +6,7 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
+import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.compute.cpu.backend import NumbaBackend
 from livehand.backend.compute.reference import ReferenceBackend
@@ -70,6 +71,18 @@ def shots(hand):
     there = posed_vertices(hand, left)
     moved = replace(left, transl=first.vertices.mean(0) - there.mean(0))
     yield replace(first, pose=moved, vertices=posed_vertices(hand, moved), light=Light((POINT,), SKY))
+
+
+HAS_GPU = torch.cuda.is_available()
+
+
+@pytest.fixture(
+    scope="session",
+    params=["cpu", pytest.param("cuda", marks=pytest.mark.skipif(not HAS_GPU, reason="needs a CUDA GPU"))],
+)
+def device(request):
+    """Where Warp computes; the reference computes on the CPU."""
+    return torch.device(request.param)
 
 
 @pytest.fixture(scope="session")

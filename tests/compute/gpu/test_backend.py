@@ -7,7 +7,7 @@ import sys
 import pytest
 import torch
 import warp as wp
-from livehand.backend.compute.gpu import device_check
+from livehand.backend.compute.gpu import backend as warp_module
 from livehand.backend.compute.gpu.backend import WarpBackend
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.records.errors import LiveHandError
@@ -25,10 +25,10 @@ def search_again():
 
 
 def test_known_values_are_computed(monkeypatch):
-    device_check.check_values(torch.device("cpu"))
-    monkeypatch.setattr(device_check, "launch", lambda *_: None)
+    warp_module.check_values(torch.device("cpu"))
+    monkeypatch.setattr(warp_module, "launch", lambda *_: None)
     with pytest.raises(LiveHandError, match="axes must be"):
-        device_check.check_values(torch.device("cpu"))
+        warp_module.check_values(torch.device("cpu"))
 
 
 def test_a_missing_driver_is_named_once_and_torch_renders(monkeypatch, caplog):
@@ -39,7 +39,7 @@ def test_a_missing_driver_is_named_once_and_torch_renders(monkeypatch, caplog):
     assert not any(isinstance(one, WarpBackend) for one in chosen)
     assert len(caplog.records) == 1
     assert "got one for CUDA 11.8; update the driver" in caplog.text
-    assert "got none" in device_check.driver_message((13, 4), None)
+    assert "got none" in warp_module.driver_message((13, 4), None)
 
 
 def test_a_chip_that_is_too_old_is_named(monkeypatch):
@@ -47,11 +47,11 @@ def test_a_chip_that_is_too_old_is_named(monkeypatch):
     monkeypatch.setattr(wp, "get_cuda_device", lambda: type("Chip", (), {"arch": 61}))
     monkeypatch.setattr(wp, "get_cuda_supported_archs", lambda: [75, 90])
     with pytest.raises(LiveHandError, match=r"7\.5 or later, got 6\.1"):
-        device_check.check_gpu()
+        warp_module.check_gpu()
 
 
 def test_warp_is_chosen_on_a_gpu_that_it_can_use_and_never_on_a_cpu(monkeypatch):
-    monkeypatch.setattr(device_check, "check_gpu", lambda: None)
+    monkeypatch.setattr(warp_module, "check_gpu", lambda: None)
     assert isinstance(backends.choose_backend(CUDA), WarpBackend)
     assert not isinstance(backends.choose_backend(torch.device("cpu")), WarpBackend)
 

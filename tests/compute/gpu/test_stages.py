@@ -1,20 +1,29 @@
-"""Every stage in Warp, on its CPU device, against the reference: by what frames of several kinds give it."""
+"""Every stage in Warp, on its CPU device and on a GPU if there is one, against the reference.
 
+Stages are given what frames of several kinds give them.
+"""
+
+from copy import deepcopy
 from typing import NamedTuple
 
 import pytest
 import torch
 from livehand.backend.compute.gpu import ray_stages
 from livehand.backend.compute.gpu.backend import WarpBackend
+from livehand.backend.compute.gpu.field_stages import PlaneRayRenderer
 from livehand.backend.compute.reference import ReferenceBackend
+from livehand.backend.field.field import BakedField, FieldConfig
 from livehand.backend.field.rays import HandInView
 from livehand.backend.field.sampler import SamplerConfig
+from livehand.backend.field.shade import shade
 from livehand.backend.geometry.uvh import interpolate
 from livehand.backend.light.visibility import visibility_transfer
+from livehand.backend.records.render_hooks import RenderHooks
 
 pytestmark = pytest.mark.slow
 
 EPS = 2.0**-23
+CONFIG = FieldConfig(width=16, planes=((32, 2, 4), (16, 1, 3)), relief=8)
 
 
 class Bound(NamedTuple):
@@ -35,6 +44,8 @@ BOUNDS = {
     "ambient_occlusion": Bound(64 * EPS),
     "light_features": Bound(128 * EPS),
     "indirect_diffuse": Bound(2048 * EPS),
+    "mesh_points": Bound(1e-3, 1e-3),  # areas of slivers
+    "near_field_light": Bound(1024 * EPS),
     "smooth_enlarged_rays": Bound(64 * EPS),
     "shares_of_rays": Bound(1e-4),  # exp(-gap^2) of depths that differ by an EPS, over an edge of some millimetres
     "normals_at_steps": Bound(64 * EPS),
@@ -56,6 +67,21 @@ def tensors_of(value):
             yield from tensors_of(one)
 
 
+def moved(value, device):
+    """The same, its tensors and networks on a device."""
+    if isinstance(value, torch.nn.Module):
+        return deepcopy(value).to(device)
+    if isinstance(value, torch.Tensor):
+        return value.to(device)
+    if isinstance(value, tuple):
+        return (
+            type(value)._make(moved(one, device) for one in value)
+            if hasattr(value, "_make")
+            else tuple(moved(one, device) for one in value)
+        )
+    return value
+
+
 def assert_close(ours, theirs, bound):
     """Nested tuples of tensors of one shape and kind, and nearly the same values."""
     pairs = list(zip(tensors_of(ours), tensors_of(theirs), strict=True))
@@ -64,7 +90,7 @@ def assert_close(ours, theirs, bound):
         assert (one.shape, one.dtype) == (other.shape, other.dtype)
         if not other.numel():
             continue
-        one, other = one.double(), other.double()
+        one, other = one.cpu().double(), other.double()
         off = torch.where(one == other, 0.0, (one - other).abs())
         assert not off.isnan().any()
         largest = other[other.isfinite()].abs().max() if other.isfinite().any() else 1.0
@@ -77,7 +103,7 @@ def stages():
     return sorted({name for one in above for name in vars(one) if not name.startswith("_")})
 
 
-OTHERWISE = {"trace", "lit_share", "visible_surface"}
+OTHERWISE = {"trace", "ray_renderer", "lit_share", "visible_surface"}
 """Which have tests of their own below."""
 
 
@@ -88,15 +114,17 @@ def test_every_stage_has_a_bound_and_is_met_in_frames(calls):
 
 
 @pytest.mark.parametrize("name", BOUNDS)
-def test_a_stage_is_the_references(calls, name):
-    ours, theirs = WarpBackend(), ReferenceBackend()
+def test_a_stage_is_the_references(calls, device, name):
+    ours, theirs = getattr(WarpBackend(), name), getattr(ReferenceBackend(), name)
     with torch.inference_mode():
         for given, named in calls[name]:
-            assert_close(getattr(ours, name)(*given, **named), getattr(theirs, name)(*given, **named), BOUNDS[name])
+            assert named == {}
+            assert_close(ours(*moved(given, device)), theirs(*given), BOUNDS[name])
 
 
 def assert_same_rays(ours, theirs, hand):
     """Rays of the same pixels, their samples at the same points of the surface; on an edge maybe of another face."""
+    ours = moved(ours, "cpu")
     assert torch.equal(ours.pixel, theirs.pixel)
     assert torch.equal(ours.is_stopped, theirs.is_stopped)
     scale = float(hand.mesh.scale)
@@ -112,10 +140,10 @@ def assert_same_rays(ours, theirs, hand):
         assert (one.shape, one.dtype) == (other.shape, other.dtype)
 
 
-def test_rays_are_the_references(calls):
+def test_rays_are_the_references(calls, device):
     assert {given[0].surface_depth is not None for given, _ in calls["trace"]} == {True}
     for (hand, *config), _ in calls["trace"]:
-        ours, theirs = (one.trace(hand, *config) for one in (WarpBackend(), ReferenceBackend()))
+        ours, theirs = WarpBackend().trace(moved(hand, device), *config), ReferenceBackend().trace(hand, *config)
         assert len(ours.pixel) > 200
         assert_same_rays(ours, theirs, hand)
 
@@ -151,16 +179,53 @@ def test_nothing_in_view_has_no_rays(posed, view_from):
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_visibility_is_the_references(posed, side):
+def test_visibility_is_the_references(posed, device, side):
     hand = posed("fist", side)
-    ours, theirs = WarpBackend().visibility(hand.mesh, hand.topology), visibility_transfer(hand.mesh, hand.topology)
+    ours = WarpBackend().visibility(*moved((hand.mesh, hand.topology), device))
+    theirs = visibility_transfer(hand.mesh, hand.topology)
     assert_close(ours, theirs, Bound(1e-3, 1e-3))
     assert 0.1 < float((theirs > 0).double().mean()) < 0.9
 
 
-def test_what_pixels_show_is_the_references(calls):
+GATHERED = Bound(1e-4)
+"""Densities are exponentials of sums over some hundred products; opacity is one of densities."""
+
+
+def test_what_rays_gather_is_the_references(calls, device):
+    for (field, rays, hand, conditions, shell_m), _ in calls["shade"]:
+        renderer = PlaneRayRenderer(moved(field, device), SamplerConfig(3, shell_m))
+        channels = torch.cat([conditions.vertex_channels, field.light_code(conditions.visibility)], -1)
+        with torch.inference_mode():
+            ours = renderer.gathered(*moved((rays, hand, channels), device))
+            theirs = shade(field, rays, hand, conditions, shell_m)
+        assert_close(ours._replace(depth=ours.alpha), theirs._replace(depth=theirs.alpha), GATHERED)
+        solid = theirs.alpha > 0.01  # the mean depth of less is one of rounding noise
+        assert solid.any()
+        assert_close(ours.depth.cpu()[solid], theirs.depth[solid], GATHERED)
+
+
+@pytest.mark.parametrize("per_chunk", [1 << 19, 640])
+def test_rays_of_baked_light_are_the_references_in_any_chunks(posed, view_from, per_chunk):
+    hand, field, config = posed("fist"), BakedField(CONFIG), SamplerConfig(6, 0.003)
+    with torch.no_grad():
+        field.relief.table.mul_(20)
+    view, stages = HandInView(hand.mesh, hand.topology, view_from(hand.mesh, (0.3, 0.8, -0.6))), []
+    hooks = RenderHooks(on_stage=stages.append, before_chunk=lambda: stages.append("chunk"))
+    with torch.inference_mode():
+        ours = PlaneRayRenderer(field, config, samples_per_chunk=per_chunk)(view, hand.conditions(), hooks)
+        theirs = ReferenceBackend().ray_renderer(field, config, "fp32")(view, hand.conditions(), hooks)
+    solid = theirs.composite.alpha > 0.01
+    assert torch.equal(ours.pixel, theirs.pixel)
+    for one, other in zip(ours.composite, theirs.composite, strict=True):
+        assert_close(one[solid], other[solid], GATHERED._replace(beyond=0.02))  # faces of either side of a seam
+    assert stages[:3] == ["sample", "field", "chunk"]
+    assert (stages.count("chunk") > 2) == (per_chunk == 640)  # one of the reference's among them
+
+
+def test_what_pixels_show_is_the_references(calls, device):
     for (mesh, camera), _ in calls["visible_surface"]:
-        ours, theirs = (one.visible_surface(mesh, camera) for one in (WarpBackend(), ReferenceBackend()))
+        ours = moved(WarpBackend().visible_surface(*moved((mesh, camera), device)), "cpu")
+        theirs = ReferenceBackend().visible_surface(mesh, camera)
         assert_close(ours[:3], theirs[:3], Bound(64 * EPS, 1e-3))
         assert torch.equal(ours.edges.pixel, theirs.edges.pixel)
         assert_close(ours.edges.share, theirs.edges.share, Bound(64 * EPS, 1e-3))

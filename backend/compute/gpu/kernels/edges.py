@@ -11,6 +11,8 @@ from ....surface.edge_antialiasing import SPREAD
 from .compiled import Bools, Bools2, Bytes, Floats, Ints, Keys, Longs, Longs2, Vectors, kernel, part
 from .raster import depth_of, face_of, fragment_depth, projected_area, word_of
 
+# Loops over samples within loops over pixels: unrolled, they would take more registers than there are.
+wp.set_module_options({"max_unroll": 8, "fuse_fp": False})
 _BESIDE, _ITS_OWN = wp.constant(SPREAD[0]), wp.constant(SPREAD[1])
 _MIN_ALPHA = wp.constant(MIN_ALPHA)
 _BITS, _ITSELF, _NO_BONE = wp.constant(16), wp.constant(4), wp.constant(-1)

@@ -9,11 +9,11 @@ import warp as wp
 
 from ....light.brdf import INDEX, ROUGHNESS
 from ....light.lighting import BELOW_HORIZON, SCATTER_M, SCATTERED_SCALE, SKY_CELL_RAD, WRAP
-from .compiled import Bools, Floats, Floats2, Floats3, Longs, Vectors, Vectors2, kernel, part
+from .compiled import Bools, Floats, Floats2, Floats3, Longs, Longs2, Vectors, Vectors2, kernel, part
 from .lobes import GRAZING, LEAST_COSINE, TINY, fresnel, half_way, lobe, widened
 
 _PI, _LEAST_SQUARED_M, _TOUCHING_SQUARED_M = wp.constant(pi), wp.constant(0.005**2), wp.constant(1e-8)
-_LEAST_LENGTH, _LEAST_FACING = wp.constant(1e-12), wp.constant(1e-6)
+_LEAST_LENGTH, _LEAST_FACING, _NO_AREA = wp.constant(1e-12), wp.constant(1e-6), wp.constant(1e-20)
 _DEEP_M, _SHALLOW_M = (wp.constant(value) for value in SCATTER_M)
 _DEEP_WRAP, _SHALLOW_WRAP = (wp.constant(value) for value in WRAP)
 _DEEP_SCALE, _SHALLOW_SCALE = (wp.constant(value) for value in SCATTERED_SCALE)
@@ -63,8 +63,8 @@ def sky_features(
     of_z = wp.vec3()
     deep = wp.vec3()
     shallow = wp.vec3()
-    seen_tight = wp.float32(0.0)
-    seen_broad = wp.float32(0.0)
+    visible_tight = wp.float32(0.0)
+    visible_broad = wp.float32(0.0)
     all_tight = wp.float32(0.0)
     all_broad = wp.float32(0.0)
     for k in range(towards.shape[0]):
@@ -88,13 +88,13 @@ def sky_features(
                 other = lobe(to_half, facing, to_eye, broad, reflectance) * brightness[k]
                 all_tight += one
                 all_broad += other
-                seen_tight += one * open_share
-                seen_broad += other * open_share
+                visible_tight += one * open_share
+                visible_broad += other * open_share
     vectors[point, 0] = of_x
     vectors[point, 1] = of_y
     vectors[point, 2] = of_z
-    seen[point, 0] = seen_tight / wp.max(all_tight, TINY)
-    seen[point, 1] = seen_broad / wp.max(all_broad, TINY)
+    seen[point, 0] = visible_tight / wp.max(all_tight, TINY)
+    seen[point, 1] = visible_broad / wp.max(all_broad, TINY)
     scattered[point, 0] = deep
     scattered[point, 1] = shallow
 
@@ -232,3 +232,26 @@ def sum_surfels(sums: Floats3, received: Vectors):
         light += wp.vec3(sums[point, index, 0], sums[point, index, 1], sums[point, index, 2])
         total += sums[point, index, 3]
     received[point] = light / wp.max(total, 1.0)
+
+
+@kernel
+@no_type_check
+def mesh_points(vertices: Vectors, faces: Longs2, face: Longs, position: Vectors, corner: Longs2, weight: Floats2):
+    """Fill corners and weights [R, 3] of points near faces as `MeshPoints.of`; face -1 is none."""
+    point = wp.tid()
+    of_face = int(wp.max(face[point], wp.int64(0)))
+    a = vertices[int(faces[of_face, 0])]
+    b = vertices[int(faces[of_face, 1])]
+    c = vertices[int(faces[of_face, 2])]
+    normal = wp.cross(b - a, c - a)
+    areas = wp.vec3(
+        wp.max(wp.dot(wp.cross(c - b, position[point] - b), normal), 0.0),
+        wp.max(wp.dot(wp.cross(a - c, position[point] - c), normal), 0.0),
+        wp.max(wp.dot(wp.cross(b - a, position[point] - a), normal), 0.0),
+    )
+    if face[point] < wp.int64(0):
+        areas = wp.vec3()
+    total = wp.max(areas[0] + areas[1] + areas[2], _NO_AREA)
+    for k in range(3):
+        corner[point, k] = faces[of_face, k]
+        weight[point, k] = areas[k] / total

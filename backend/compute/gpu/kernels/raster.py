@@ -13,6 +13,7 @@ import warp as wp
 from ....geometry.tolerances import MIN_AREA_PX2, NEAR_M
 from .compiled import INFINITE_BITS, Floats, Floats2, Keys, Longs, Longs2, Vectors, kernel, part
 
+wp.set_module_options({"fuse_fp": False})  # strict: which of two faces is the nearer hangs on the last bit
 _NEAR_M = wp.constant(NEAR_M)
 _MIN_AREA = wp.constant(MIN_AREA_PX2)
 _INFINITE = wp.constant(INFINITE_BITS)

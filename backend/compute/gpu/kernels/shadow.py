@@ -13,6 +13,7 @@ from ....geometry.tolerances import LEAST_SQUARED, LEAST_WINDOW, NEAR_M, STEEPES
 from .compiled import INFINITE_BITS, Floats, Floats2, Ints2, Ints3, Longs2, Matrices, Vectors, Vectors2, kernel, part
 from .raster import covered_centres, fragment_depth, projected_area
 
+wp.set_module_options({"fuse_fp": False})  # strict: which of two faces is the nearer hangs on the last bit
 _LEAST_SQUARED, _LEAST_WINDOW = wp.constant(LEAST_SQUARED), wp.constant(LEAST_WINDOW)
 _STEEPEST, _NEAR_M = wp.constant(float(STEEPEST)), wp.constant(NEAR_M)
 _NO_DEPTH = wp.constant(1e-6)

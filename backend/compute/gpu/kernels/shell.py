@@ -14,6 +14,7 @@ from ....geometry.tolerances import MAX_STEPS, MIN_DETERMINANT
 from .compiled import INFINITE_BITS, Bools, Floats, Floats2, Ints, Ints2, Longs, Longs2, Vectors, Vectors2, kernel, part
 from .raster import covered_centres, direction_of, fragment_depth, projected_area
 
+wp.set_module_options({"fuse_fp": False})  # strict: which of two faces is the nearer hangs on the last bit
 _TINY = wp.constant(MIN_DETERMINANT)
 _MAX_STEPS = wp.constant(MAX_STEPS)
 _FAR = wp.constant(3.0e38)
