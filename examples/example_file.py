@@ -1,4 +1,4 @@
-"""How the example scripts save their .blend: without unused data and without local paths."""
+"""How the example scripts save their .blend: without unused data and local paths, rendered through the camera."""
 
 import sys
 from collections.abc import Callable
@@ -23,6 +23,9 @@ def write_example(build: Callable[[], object], default: Path) -> None:
 
 def _save(path: Path) -> None:
     bpy.data.orphans_purge(do_recursive=True)
+    for space in (space for screen in bpy.data.screens for area in screen.areas for space in area.spaces):
+        if space.type == "VIEW_3D":  # a finished shot, not a hand somewhere in an empty view
+            space.region_3d.view_perspective, space.shading.type = "CAMERA", "RENDERED"
     for browser in _file_browsers():
         browser.params.directory = b"//"
     bpy.context.preferences.filepaths.save_version = 0

@@ -99,7 +99,8 @@ def picture_of(renderer: Renderer, pose: LibraryPose) -> np.ndarray:
     theta[0] = matrix_to_axis_angle(UPRIGHT)
     hand_pose = HandPose(theta, np.zeros(10), np.zeros(3))
     vertices = posed_vertices(renderer.hand, hand_pose)
-    camera = fitting_camera(vertices, TOWARDS_CAMERA[pose.view_from], (PICTURE_PX, PICTURE_PX), FILLED)
+    shown = vertices[renderer.hand.framed_vertices]  # poses differ in the hand; the arm may leave the picture
+    camera = fitting_camera(shown, TOWARDS_CAMERA[pose.view_from], (PICTURE_PX, PICTURE_PX), FILLED)
     picture = straight_srgb(renderer.render(Shot(hand_pose, vertices, camera)))
     return picture[..., :3] * picture[..., 3:] + GROUND * (1 - picture[..., 3:])
 

@@ -7,7 +7,7 @@ import bpy
 from .blender_command import BlenderCommand
 from .hands import hand_duplication, hand_selection
 from .motion import live as live_hands
-from .render import engine, memory
+from .render import engine, memory, package_folder
 from .render.viewport_shared import stop_rendered_views
 from .rig import properties
 from .scene import main_thread
@@ -20,7 +20,9 @@ from .ui import (
     look,
     motion,
     motion_files,
+    new_scene,
     operators,
+    packages,
     panels,
     person,
     picker,
@@ -36,7 +38,9 @@ from .ui import rigs as retarget
 CLASSES = (
     *properties.CLASSES,
     *operators.CLASSES,
+    *packages.CLASSES,
     *studio.CLASSES,
+    *new_scene.CLASSES,
     *posing.CLASSES,
     *pose_library.CLASSES,
     *shape.CLASSES,
@@ -58,10 +62,12 @@ CLASSES = (
 
 def register() -> None:
     """Register everything; classes come first, because properties and menus refer to them."""
+    package_folder.use_packages()
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     properties.attach()
     panels.add_to_menus()
+    packages.add_to_header()
     motion_files.add_to_menus()
     video.add_to_menus()
     engine.register_panels()
@@ -72,6 +78,7 @@ def register() -> None:
     live_hands.watch_files()
     pose_library.add_keys()
     main_thread.start()
+    engine.prepare_soon()
     BlenderCommand.register()
 
 
@@ -79,6 +86,7 @@ def unregister() -> None:
     """Unregister everything: Blender 4.5 as a module hangs at exit if anything is still registered."""
     stop_rendered_views()
     BlenderCommand.unregister()
+    engine.stop_preparing()
     main_thread.stop()
     pose_library.remove_keys()
     live_hands.stop_watching()
@@ -89,7 +97,9 @@ def unregister() -> None:
     engine.unregister_panels()
     video.remove_from_menus()
     motion_files.remove_from_menus()
+    packages.remove_from_header()
     panels.remove_from_menus()
     properties.detach()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
+    package_folder.forget_packages()

@@ -75,3 +75,17 @@ def test_the_fast_tests_leave_out_folders_that_are_there(make):
 def joined(text):
     """The commands of a dry run, each in one line."""
     return text.replace("\\\n", " ").splitlines()
+
+
+def test_a_release_is_built_with_the_index_and_the_site_that_are_named_and_needs_no_torch(make):
+    done = make(
+        ("python3.11",), "--dry-run", "release", "CPU_TORCH=somewhere", "WEBSITE=site", "ZIPS_URL=z", "PAGE_URL=p"
+    )
+    text = " ".join(joined(done.stdout))
+    assert "livehand.tools.release.build --out dist/release --website site --cpu-torch somewhere" in text
+    assert "--zips-url z --page-url p" in text
+    assert "livehand.tools.release.try_zip" in text
+    assert "pip install --disable-pip-version-check --quiet --no-deps -e ." in text
+    assert "[bpy]" not in text
+    slim = make(("python3.11",), "--dry-run", "zip").stdout
+    assert slim.split()[-4:] == ["livehand.tools.release.build", "--out", "dist", "--only"]

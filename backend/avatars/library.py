@@ -10,6 +10,8 @@ from ..hand.model_file import DEFAULT_HAND
 
 Skin = Literal["light", "middle", "deep"]
 SKINS: tuple[Skin, ...] = get_args(Skin)
+PERSONS: dict[Skin, str] = {"light": "Erik", "middle": "Maya", "deep": "Joseph"}
+"""What the people of these avatars are called, who are invented."""
 AVATAR_HELP = f"avatar file, or an avatar that ships with LiveHand: {', '.join(SKINS)} (default: {SKINS[0]})"
 """Help text of the option `--avatar`."""
 
@@ -22,6 +24,12 @@ def shipped_avatar_path(skin: Skin = "light") -> Path:
 def shipped_skin(path: Path) -> Skin | None:
     """Return the skin of a shipped avatar's file; None: it did not ship."""
     return next((skin for skin in SKINS if path.resolve() == shipped_avatar_path(skin).resolve()), None)
+
+
+def person_name(path: Path, name: str) -> str:
+    """Return what to call the person of an avatar's file, whose own name is given if it did not ship."""
+    skin = shipped_skin(path)
+    return name if skin is None else PERSONS[skin]
 
 
 def avatar_path(name: str) -> Path:

@@ -69,6 +69,7 @@ def frame_record(
             "K": camera.K.tolist(),
             "cam2world": camera.cam2world.tolist(),
             "size_px": list(camera.size_px),
+            "projection": "orthographic" if camera.is_orthographic else "perspective",
         },
         "hands": records,
         "formats": list(formats),

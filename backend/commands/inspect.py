@@ -12,7 +12,7 @@ import numpy as np
 from ..records.errors import LiveHandError
 from ..system.command import Command
 from ..system.files import is_file, is_folder
-from ..system.readers import parse_json, read_npz
+from ..system.readers import parse_json, read_npz, read_npz_parts
 
 if TYPE_CHECKING:
     from ..surface.stored_surface import StoredSurface
@@ -47,7 +47,7 @@ def inspect(path: Path) -> dict:
     if path.suffix == ".safetensors":
         return _avatar_facts(path)
     if path.suffix == ".npz":
-        arrays = read_npz(path)
+        arrays = read_npz_parts(path).arrays
         return _hand_facts(path) if "v_template" in arrays else _pose_facts(path, arrays)
     if path.suffix == ".pkl":
         return _pickle_facts(path)
@@ -167,6 +167,7 @@ def _pose_facts(path: Path, arrays: dict[str, np.ndarray]) -> dict:
         "arrays": shapes,
         "is_finite": bool(np.isfinite(theta).all()),
         "largest_angle_deg": round(float(np.rad2deg(np.linalg.norm(theta, axis=-1).max())), 1),
+        **{key: value for key, value in _motion_facts(path).items() if key in ("hand", "check")},
     }
 
 

@@ -70,7 +70,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
 
     Args:
         args: of the command.
-        read: reads the file's motion as `posed_upright` does; None: `posed_upright`.
+        read: reads the file's motion upright; None: as `posed_upright` does.
 
     Raises:
         LiveHandError: the file cannot be read, lacks the frames, or is not the only one.
@@ -88,10 +88,10 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     hand = load_hand_model(args.hand or DEFAULT_HAND)
     if read is None:
         options = ImportOptions({"side": args.side} if args.side else {}, args.mano, picture_camera=args.picture)
-        motion = posed_upright(path, hand, options, args.hand)
+        motion, first = posed_upright(path, hand, options, args.hand)
     else:
-        motion = read(path, hand)
-    frames = frame_indices(motion, args.frames)
+        motion, first = read(path, hand), 0
+    frames = frame_indices(motion, args.frames, first)
     renderer = Renderer(avatar, hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)
     camera = fitting_camera(sampled_vertices(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILL)
@@ -102,18 +102,20 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
             started, pose = time.perf_counter(), motion.pose(index)
             frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera, light))
 
-            def written(place: tuple[int, int] = (index + 1, number), started: float = started) -> None:
+            def written(place: tuple[int, int] = (first + index + 1, number), started: float = started) -> None:
                 seconds = time.perf_counter() - started
                 report.add(path, FrameProgress(*place, len(frames), "written", seconds))
 
-            writer.write(frame, args.output / f"{index + 1:04d}.png", written)
+            writer.write(frame, args.output / f"{first + index + 1:04d}.png", written)
     return report.result()
 
 
 def posed_upright(
     path: Path, hand: HandModel, options: ImportOptions | None = None, hand_path: Path | None = None
-) -> HandMotion:
+) -> tuple[HandMotion, int]:
     """Read a file's motion into Blender's world, its wrist at the origin; a hand in its own space stands upright.
+
+    Returns the motion, and how many frames of the file are before its first.
 
     Raises:
         LiveHandError: the file is unreadable, or MANO's file is needed and missing.
@@ -131,7 +133,7 @@ def posed_upright(
     motion = transformed(motion, matrix, wrists)
     if file.info.space in ("y_up", "z_up") and _points_away(motion, model):
         motion = transformed(motion, np.diag([-1.0, -1, 1, 1]), wrists)
-    return replace(motion, transl=-wrists)
+    return replace(motion, transl=-wrists), file.info.first
 
 
 def _points_away(motion: HandMotion, model: HandModel) -> bool:
@@ -144,18 +146,24 @@ def _points_away(motion: HandMotion, model: HandModel) -> bool:
     return bool(-mean @ _FRONT > _AWAY * np.linalg.norm(palm, axis=-1).mean())
 
 
-def frame_indices(motion: HandMotion, frames: Sequence[int] | None) -> list[int]:
-    """Select indices of the requested frames, which count from 1; all if None.
+def frame_indices(motion: HandMotion, frames: Sequence[int] | None, first: int = 0) -> list[int]:
+    """Select indices of the requested frames of the file, which count from 1; all if None.
+
+    Args:
+        motion: of the file's frames from the one after `first` on.
+        frames: of the file.
+        first: how many frames of the file are before the motion.
 
     Raises:
         LiveHandError: the motion lacks a frame.
     """
     if frames is None:
         return list(range(len(motion)))
-    missing = [frame for frame in frames if not 1 <= frame <= len(motion)]
+    missing = [frame for frame in frames if not first < frame <= first + len(motion)]
     if missing:
-        raise LiveHandError(f"frames must lie in 1-{len(motion)}, as the file's do, got {missing[:5]}")
-    return [frame - 1 for frame in frames]
+        span = f"{first + 1}-{first + len(motion)}"
+        raise LiveHandError(f"frames must lie in {span}, as the hand's in the file do, got {missing[:5]}")
+    return [frame - first - 1 for frame in frames]
 
 
 def sampled_vertices(motion: HandMotion, frames: list[int], hand: HandModel) -> np.ndarray:

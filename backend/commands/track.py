@@ -11,7 +11,7 @@ import numpy as np
 
 from ..hand.model import HandModel
 from ..hand.model_file import DEFAULT_HAND, load_hand_model
-from ..motion.landmarks.take_file import FilmedTake, write_take
+from ..motion.landmarks.take_file import FilmedTake, take_doubts, write_take
 from ..motion.landmarks.take_fit import LONGEST_GAP_S, MOST_FIT_ERROR, TakeFit, fit_take
 from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
@@ -121,6 +121,8 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     fits: dict[Side, TakeFit] = {}
     for side, hand in take.hands.items():
         fits[side] = fit_take(hand, take.times, take.camera, model, side, take.fps)
+        if doubt := take_doubts(fits[side], model):
+            warn(f"livehand track: check the {side} hand: {doubt}")
     if args.plot:
         figure = new_figure(PANEL_IN[0], PANEL_IN[1] * len(fits))
         draw_fit_error(figure, fits)

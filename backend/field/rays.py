@@ -21,16 +21,21 @@ from .volume import Composite
 
 
 class CameraTensors(NamedTuple):
-    """A camera as tensors: K [3, 3] px, world2cam [4, 4], (width, height) px."""
+    """A camera as tensors: K [3, 3] px, world2cam [4, 4], (width, height) px, and whether its rays are parallel."""
 
     K: Tensor
     world2cam: Tensor
     size_px: tuple[int, int]
+    is_orthographic: bool = False
 
     @property
     def focal_px(self) -> Tensor:
-        """[] focal length, px: the geometric mean of both axes."""
+        """[] focal length, px; px per m of an orthographic camera: the geometric mean of both axes."""
         return (self.K[0, 0] * self.K[1, 1]).abs().sqrt()
+
+    def divisor(self, depth: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
+        """Return what the projection divides lengths at a depth by: the depth, m, or 1."""
+        return torch.ones_like(depth) if self.is_orthographic else depth
 
     @property
     def every_pixel(self) -> Int[Tensor, " P"]:
@@ -98,19 +103,48 @@ def camera_tensors(camera: Camera, device: torch.device | str) -> CameraTensors:
         K=torch.as_tensor(camera.K, dtype=torch.float32, device=device),
         world2cam=torch.as_tensor(world2cam, dtype=torch.float32, device=device),
         size_px=camera.size_px,
+        is_orthographic=camera.is_orthographic,
     )
 
 
 def project(camera: CameraTensors, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:
     """Project world points to (px, depth m)."""
     in_camera = points @ camera.world2cam[:3, :3].T + camera.world2cam[:3, 3]
+    depth = in_camera[..., 2]
+    if camera.is_orthographic:
+        in_camera = torch.cat([in_camera[..., :2], torch.ones_like(depth)[..., None]], -1)
     homogeneous = in_camera @ camera.K.T
-    return homogeneous[..., :2] / homogeneous[..., 2:], in_camera[..., 2]
+    return homogeneous[..., :2] / homogeneous[..., 2:], depth
 
 
 def ray_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
     """Compute world directions of depth 1 through pixel centres."""
-    across, down, ahead = torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3]
+    return _at_centres(camera, pixel, direction_axes(camera))
+
+
+def ray_origins(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
+    """Compute where rays through pixel centres have depth 0, world, m."""
+    return _at_centres(camera, pixel, origin_axes(camera))
+
+
+def direction_axes(camera: CameraTensors) -> Float[Tensor, "3 3"]:
+    """Compute what (x, y, 1) px is multiplied by to get a ray's direction."""
+    if not camera.is_orthographic:
+        return torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3]
+    return torch.stack([torch.zeros_like(camera.world2cam[2, :3])] * 2 + [camera.world2cam[2, :3]])
+
+
+def origin_axes(camera: CameraTensors) -> Float[Tensor, "3 3"]:
+    """Compute what (x, y, 1) px is multiplied by to get a ray's point of depth 0, m."""
+    centre = ray_origin(camera)
+    if not camera.is_orthographic:
+        return torch.stack([torch.zeros_like(centre)] * 2 + [centre])
+    axes = torch.linalg.inv(camera.K).T[:, :2] @ camera.world2cam[:2, :3]
+    return torch.stack([axes[0], axes[1], axes[2] + centre])
+
+
+def _at_centres(camera: CameraTensors, pixel: Tensor, axes: Float[Tensor, "3 3"]) -> Float[Tensor, "R 3"]:
+    across, down, ahead = axes
     width = camera.size_px[0]
     row = torch.div(pixel, width, rounding_mode="floor")
     x, y = (place.to(camera.K.dtype)[:, None] + 0.5 for place in (pixel - width * row, row))

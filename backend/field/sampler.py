@@ -23,7 +23,7 @@ from torch import Tensor
 
 from ..geometry.mesh import Topology
 from ..geometry.rasterise import Fragments, NearestFronts, nearest_fronts, rasterise
-from .rays import CameraTensors, HandInView, project, ray_directions, ray_origin
+from .rays import CameraTensors, HandInView, project, ray_directions, ray_origins
 
 BEFORE_M, BEHIND_M = 0.0015, 0.0025
 """How far before and behind an avatar's surface its rays are sampled: depth, template metres."""
@@ -127,7 +127,7 @@ def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Genera
     intervals, camera = shell_intervals(hand, config), hand.camera
     directions = ray_directions(camera, intervals.pixel)
     t, dt, since = _place_samples(intervals, config.samples_along(hand), generator)
-    points = ray_origin(camera) + t[..., None] * directions[:, None, :]
+    points = ray_origins(camera, intervals.pixel)[:, None, :] + t[..., None] * directions[:, None, :]
     entry = intervals.entry[:, None, :]
     is_open = (entry <= t[..., None]) & (entry >= since[..., None])
     return RaySamples(intervals.pixel, directions, t, dt, points, intervals.is_stopped, intervals.entry_face, is_open)
@@ -149,7 +149,7 @@ def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
 
 def _fragments_of(vertices: Tensor, topology: Topology, camera: CameraTensors) -> Fragments:
     positions_px, depth = project(camera, vertices)
-    return rasterise(positions_px, depth, topology.faces, camera.size_px)
+    return rasterise(positions_px, depth, topology.faces, camera.size_px, camera.is_orthographic)
 
 
 def first_hit(hand: HandInView) -> NearestFronts:

@@ -11,7 +11,7 @@ from ..geometry.uvh import interpolate
 from .conditions import FrameConditions, SamplePoints, gather_field_inputs
 from .encoding import FeaturePlane, PlaneReader
 from .field import MlpField, PlaneField
-from .rays import HandInView, SurfaceRays, ray_origin
+from .rays import HandInView, SurfaceRays, ray_origins
 from .volume import Composite, Steps
 
 
@@ -32,7 +32,7 @@ class RayGeometry(NamedTuple):
     def of(cls, rays: SurfaceRays, hand: HandInView) -> RayGeometry:
         """Compute the geometry of traced rays."""
         scale, length = hand.mesh.scale, rays.directions.norm(dim=-1)
-        footprint_m = (rays.t / (hand.camera.focal_px * scale)).flatten()
+        footprint_m = (hand.camera.divisor(rays.t) / (hand.camera.focal_px * scale)).flatten()
         steps = Steps(rays.t, rays.dt * length / scale * 1000, rays.is_stopped)
         return cls(steps, rays.directions / length[:, None], footprint_m)
 
@@ -56,7 +56,8 @@ def shade(
 
 def _points(rays: SurfaceRays, hand: HandInView, conditions: FrameConditions, in_bones: bool) -> SamplePoints:
     """Compute where the samples lie in space."""
-    points = (ray_origin(hand.camera) + rays.t[..., None] * rays.directions[:, None, :]).flatten(0, 1)
+    origins = ray_origins(hand.camera, rays.pixel)[:, None, :]
+    points = (origins + rays.t[..., None] * rays.directions[:, None, :]).flatten(0, 1)
     if not in_bones or conditions.bones is None or conditions.bone_weights is None:
         return SamplePoints(points, points.new_zeros(len(points), 0, 3), points.new_zeros(len(points), 0))
     weights = interpolate(conditions.bone_weights, hand.topology, rays.samples)

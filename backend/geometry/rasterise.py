@@ -29,6 +29,7 @@ def rasterise(
     depth: Float[Tensor, " V"],
     faces: Int[Tensor, "F 3"],
     size_px: tuple[int, int],
+    is_orthographic: bool = False,
 ) -> Fragments:
     """Find all fragments of the projected mesh inside the image.
 
@@ -37,6 +38,7 @@ def rasterise(
         depth: of the vertices along the optical axis, m; positive in front of the camera.
         faces: wound outward by the right-hand rule in the world, clockwise on screen (y down) when front-facing.
         size_px: (width, height).
+        is_orthographic: whether the depth of a face is linear on screen, as its inverse is before a pinhole.
     """
     corners, corner_depth = positions_px[faces], depth[faces]  # [F, 3, 2], [F, 3]
     area = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -46,7 +48,10 @@ def rasterise(
     weights = _barycentric(corners[face], area[face], centre)
     is_inside = (weights >= 0).all(-1)
     face, weights = face[is_inside], weights[is_inside]
-    fragment_depth = 1 / (weights / corner_depth[face]).sum(-1)  # 1/z is linear on screen
+    if is_orthographic:
+        fragment_depth = (weights * corner_depth[face]).sum(-1)
+    else:
+        fragment_depth = 1 / (weights / corner_depth[face]).sum(-1)
     pixel = (row * size_px[0] + column)[is_inside]
     return Fragments(pixel, face, fragment_depth, area[face] < 0)
 

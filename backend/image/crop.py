@@ -80,7 +80,7 @@ def crop_of(mesh: PosedMesh, camera: Camera, config: SamplerConfig, scale: int =
     """Find the crop of a posed hand and its shell; None if nothing of it is in view."""
     tensors = camera_tensors(camera, mesh.vertices.device)
     positions_px, depth = project(tensors, mesh.vertices)
-    reach_px = tensors.K.diagonal()[:2].abs().amax() * config.shell_m * mesh.scale / depth
+    reach_px = tensors.K.diagonal()[:2].abs().amax() * config.shell_m * mesh.scale / tensors.divisor(depth)
     return hand_crop(positions_px.cpu().numpy(), depth.cpu().numpy(), reach_px.cpu().numpy(), camera.size_px, scale)
 
 

@@ -23,6 +23,7 @@ def scene_depth(triangles: np.ndarray, camera: Camera) -> np.ndarray:
     if len(triangles):
         view = camera_tensors(camera, "cpu")
         corners = torch.as_tensor(triangles.reshape(-1, 3), dtype=torch.float32)
-        hits = rasterise(*project(view, corners), torch.arange(len(corners)).reshape(-1, 3), view.size_px)
+        faces = torch.arange(len(corners)).reshape(-1, 3)
+        hits = rasterise(*project(view, corners), faces, view.size_px, view.is_orthographic)
         nearest.scatter_reduce_(0, hits.pixel.long(), hits.depth.float(), "amin")
     return nearest.reshape(height, width).numpy()

@@ -17,7 +17,7 @@ from torch.nn.functional import conv2d, normalize
 from ..field.rays import CameraTensors, HandInView, view_directions
 from ..field.relightable import clamp_min
 from ..field.volume import Composite
-from ..light.lighting import COEFFICIENTS, SMOOTH, BumpMapping, LightFeatures, SurfacePoints, shaded_colour
+from ..light.lighting import COEFFICIENTS, GLOSS, SMOOTH, BumpMapping, LightFeatures, SurfacePoints, shaded_colour
 from .maps import enlarge_maps, low_resolution_maps, ray_of_pixel
 from .superres import enlarge
 
@@ -208,6 +208,14 @@ def detailed(maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"]) -> 
     fine = straight[SMOOTH:] + detail
     coefficients = torch.cat([straight[:SMOOTH], fine[: COEFFICIENTS - SMOOTH]])
     return torch.cat([clamp_min(coefficients, 0.0), fine[COEFFICIENTS - SMOOTH :]])
+
+
+def diffuse_and_specular(image: ShadingInputs) -> tuple[ShadingInputs, ShadingInputs]:
+    """Return two images whose colours in any light add up to this one's: of the skin's body, and of its surface."""
+    is_gloss = torch.zeros(COEFFICIENTS, dtype=torch.bool, device=image.coefficients.device)
+    is_gloss[GLOSS] = True
+    diffuse, specular = (image.coefficients * wanted for wanted in (~is_gloss, is_gloss))
+    return image._replace(coefficients=diffuse), image._replace(coefficients=specular)
 
 
 def shade_image(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,19 @@ import numpy as np
 
 from ..records.errors import LiveHandError
 from ..system.files import MIB, is_file, read_regular
-from ..system.readers import MOST_JSON_BYTES, MOST_NPZ_BYTES, parse_json, read_json, read_npy_header, read_npz
+from ..system.readers import (
+    MOST_JSON_BYTES,
+    MOST_NPZ_BYTES,
+    Npz,
+    parse_json,
+    read_json,
+    read_npy_header,
+    read_npz_parts,
+)
 from .plain_pickle import read_plain_pickle
 
 _MOST_TABLE_BYTES = 64 * MIB
+_MOST_NAMES, _LONGEST_NAME = 12, 40  # of keys, in a message
 
 
 @dataclass(frozen=True)
@@ -28,10 +37,36 @@ class Document:
     Attributes:
         path: of the file.
         content: a dictionary, list or array, with numbers as the file stores them.
+        packed: the members of a `.npz` that hold Python objects, unread.
     """
 
     path: Path
     content: Any
+    packed: Mapping[str, bytes] = field(default_factory=dict)
+
+    @property
+    def keys_in_words(self) -> str:
+        """Name the first of the content's keys, and how many more there are."""
+        names = sorted(map(str, self.entries))
+        shown = ", ".join(name[:_LONGEST_NAME] for name in names[:_MOST_NAMES])
+        return f"{shown} and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else shown or "none"
+
+    def unpacked(self, name: str) -> Any:
+        """Read a member of a `.npz` that holds Python objects as `plain_pickle` does; None: there is none.
+
+        Raises:
+            LiveHandError: it holds more than plain data, or is damaged.
+        """
+        if name not in self.packed:
+            return self.entries.get(name)
+        try:
+            return read_plain_pickle(self.packed[name])
+        except LiveHandError as error:
+            raise LiveHandError(f"{self.path}: {name}: {error}") from error
+        except Exception as error:  # a damaged pickle can raise nearly anything
+            raise LiveHandError(
+                f"{self.path}: {name} must be a readable pickle, got {type(error).__name__}; export it again"
+            ) from error
 
     @property
     def entries(self) -> dict[str, Any]:
@@ -62,7 +97,7 @@ class Document:
 
 
 def load_document(path: Path) -> Document:
-    """Read a file by its suffix. Pickles are restricted by `plain_pickle`; arrays of objects are refused.
+    """Read a file by its suffix. Pickles are restricted by `plain_pickle`; objects in a `.npz` stay unread.
 
     Raises:
         LiveHandError: the file is missing, has another suffix, is damaged or too large, or is a pickle that could run
@@ -74,7 +109,8 @@ def load_document(path: Path) -> Document:
     if suffix not in SUFFIXES:
         raise LiveHandError(f"{path} must be a pose file ({', '.join(SUFFIXES)}), got '{path.suffix}'")
     try:
-        return Document(path, _READERS[suffix](path))
+        content = _READERS[suffix](path)
+        return Document(path, *content) if isinstance(content, Npz) else Document(path, content)
     except LiveHandError as error:
         raise error if str(path) in str(error) else LiveHandError(f"{path}: {error}") from error
     except Exception as error:  # a damaged file can raise nearly anything
@@ -145,7 +181,7 @@ def _is_number(cell: str) -> bool:
 
 
 _READERS: dict[str, Callable[[Path], Any]] = {
-    ".npz": read_npz,
+    ".npz": read_npz_parts,
     ".npy": _read_npy,
     ".json": read_json,
     ".jsonl": _read_json_lines,
@@ -157,3 +193,11 @@ SUFFIXES = tuple(_READERS)
 
 def _fits(shape: tuple[int, ...], wanted: Sequence[int | None]) -> bool:
     return len(shape) == len(wanted) and all(n is None or n == m for m, n in zip(shape, wanted, strict=True))
+
+
+def shape_of(value: Any) -> tuple[int, ...]:
+    """Return the shape of an array or of nested lists; () where rows differ in length."""
+    try:
+        return np.shape(value)
+    except ValueError:
+        return ()

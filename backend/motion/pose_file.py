@@ -42,8 +42,8 @@ class RawHand:
         beta: [10] or [N, 10].
         transl: [N, 3] in the file's unit.
         forearm: [3] or [N, 3] rad, as `HandMotion` has it.
-        frame_indices: [N] increasing; the file has no hand in the frames between them.
-        has_right_hand_angles: the angles are those of a right hand even if the hand is a left one, which mirrors them.
+        frame_indices: [N] increasing from the file's first frame, 0; it has no hand in the frames between them.
+        angles_side: the hand whose angles they are, mirrored for the other one; None: the hand's own.
         has_translation: the file stores the wrist's position; otherwise transl is zero.
     """
 
@@ -53,7 +53,7 @@ class RawHand:
     transl: np.ndarray
     forearm: np.ndarray
     frame_indices: np.ndarray
-    has_right_hand_angles: bool = False
+    angles_side: Side | None = None
     has_translation: bool = True
 
 
@@ -73,6 +73,8 @@ class FileInfo:
         missing: how many of them have no hand.
         notes: what else the user should know.
         has_translation: the file stores the wrist's position.
+        first: how many frames of the file are before the motion's first, because the hand comes later.
+        is_side_guessed: the file does not say which hand it is.
     """
 
     format: str
@@ -86,6 +88,8 @@ class FileInfo:
     missing: int = 0
     notes: tuple[str, ...] = ()
     has_translation: bool = True
+    first: int = 0
+    is_side_guessed: bool = False
 
 
 @dataclass(frozen=True)
@@ -114,8 +118,7 @@ class PoseFile:
         raw = self._raw(info.side)
         width = raw.fingers.shape[1]
         _check("pca_components", info.pca_components, (0, 45) if width == 45 else (width,))
-        span = int(raw.frame_indices[-1] - raw.frame_indices[0]) + 1
-        return replace(self, info=replace(info, frames=span, missing=span - len(raw.frame_indices)))
+        return replace(self, info=with_frames(info, raw.frame_indices))
 
     def motion(self, basis: ManoBasis | None = None) -> HandMotion:
         """Convert to metres and absolute angles, in the file's own space; gaps are filled by slerp.
@@ -128,7 +131,7 @@ class PoseFile:
         """
         info, raw = self.info, self._raw(self.info.side)
         theta = np.concatenate([raw.root[:, None], self._absolute_fingers(basis)], 1)
-        if raw.has_right_hand_angles and info.side == "left":
+        if self._side_of_angles(raw) != info.side:
             theta = theta * MIRROR_AXIS_ANGLE
         motion = HandMotion(theta, raw.beta, raw.transl * METRES[info.unit], info.fps, info.side, raw.forearm)
         return with_gaps_filled(motion, raw.frame_indices)
@@ -162,7 +165,14 @@ class PoseFile:
         return self.hands.get(side) or next(iter(self.hands.values()))
 
     def _side_of_angles(self, raw: RawHand) -> Side:
-        return "right" if raw.has_right_hand_angles else self.info.side
+        return raw.angles_side or self.info.side
+
+
+def with_frames(info: FileInfo, frame_indices: np.ndarray) -> FileInfo:
+    """Count the frames of a hand that is in these [N] of the file, increasing from its first, which is 0."""
+    first, last = int(frame_indices[0]), int(frame_indices[-1])
+    span = last - first + 1
+    return replace(info, first=first, frames=span, missing=span - len(frame_indices))
 
 
 def with_gaps_filled(motion: HandMotion, frame_indices: np.ndarray) -> HandMotion:
@@ -188,6 +198,7 @@ def pose_file(
     uses_pca: bool = False,
     fps: float | None = None,
     notes: tuple[str, ...] = (),
+    is_side_guessed: bool = False,
 ) -> PoseFile:
     """Make a file of these hands, in metres, interpreted as its format says; the right hand is preferred.
 
@@ -204,7 +215,7 @@ def pose_file(
     info = FileInfo(
         name, side, has_mean_added, width if uses_pca else 0, space, "m", fps, 0, 0, notes, raw.has_translation
     )
-    return PoseFile(path, found, info).with_changes()
+    return PoseFile(path, found, replace(info, is_side_guessed=is_side_guessed)).with_changes()
 
 
 def raw_hand(
@@ -212,7 +223,7 @@ def raw_hand(
     beta: np.ndarray | None = None,
     transl: np.ndarray | None = None,
     frame_indices: np.ndarray | None = None,
-    has_right_hand_angles: bool = False,
+    angles_side: Side | None = None,
     forearm: np.ndarray | None = None,
 ) -> RawHand:
     """Split pose [N, 3 + n] into the wrist's axis-angle and the fingers; beta is cut or padded to ten.
@@ -230,7 +241,7 @@ def raw_hand(
         np.zeros((count, 3)) if transl is None else transl,
         np.zeros(3) if forearm is None else forearm,
         np.arange(count) if frame_indices is None else frame_indices,
-        has_right_hand_angles,
+        angles_side,
         transl is not None,
     )
 

@@ -14,8 +14,8 @@ _LEAST_SINE = 1e-6  # of the angle between two quaternions; below it slerp is li
 _KERNEL_RADIUS = 3  # standard deviations
 
 
-def resampled(motion: HandMotion, fps: float) -> HandMotion:
-    """Resample the motion at another frame rate; samples after the last frame are dropped.
+def resampled(motion: HandMotion, fps: float, start: float = 0.0) -> HandMotion:
+    """Resample the motion at another frame rate, from `start` frames on; samples after the last frame are dropped.
 
     Raises:
         LiveHandError: the motion's own rate is unknown, or `fps` is not positive.
@@ -25,8 +25,8 @@ def resampled(motion: HandMotion, fps: float) -> HandMotion:
     if not (np.isfinite(fps) and fps > 0):
         raise LiveHandError(f"fps must be a positive number, got {fps}")
     # The small tolerance keeps the last frame in spite of rounding.
-    count = int(np.floor((len(motion) - 1) * fps / motion.fps + 1e-6)) + 1
-    return replace(sampled_at(motion, np.arange(count) * (motion.fps / fps)), fps=fps)
+    count = max(1, int(np.floor((len(motion) - 1 - start) * fps / motion.fps + 1e-6)) + 1)
+    return replace(sampled_at(motion, start + np.arange(count) * (motion.fps / fps)), fps=fps)
 
 
 def sampled_at(motion: HandMotion, positions: np.ndarray, times: np.ndarray | None = None) -> HandMotion:

@@ -1,4 +1,4 @@
-"""`livehand person`: from a film, photographs or a capture of somebody's hand to an avatar of theirs."""
+"""`livehand person`: from a film, photographs or a capture of somebody's hand to an avatar of theirs; also as a job."""
 
 from __future__ import annotations
 
@@ -10,9 +10,14 @@ from typing import TYPE_CHECKING, Any
 from ..hand.model_file import DEFAULT_HAND, load_hand_model
 from ..records.errors import LiveHandError
 from ..records.side import SIDES
+from ..system.child_job import ChildJob, JobProgress, run_job
 from ..system.command import Command
 
 if TYPE_CHECKING:
+    from ..hand.model import HandModel
+    from ..records.hand_picture import PicturedHand
+    from .kept_steps import KeptSteps
+    from .making import MadePerson
     from .review import PersonFigures
 
 
@@ -24,6 +29,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", type=Path, required=True, metavar="FILE", help="the avatar to write (.safetensors)"
     )
     parser.add_argument("--name", help="of the person, for display (default: the file's name)")
+    parser.add_argument(
+        "--hand", type=Path, metavar="FILE", help="hand model of a capture's poses, if it is not the built-in one"
+    )
     parser.add_argument("--side", choices=SIDES, help="the hand to take (default: the one seen longer)")
     parser.add_argument("--consent", default="", metavar="TEXT", help="what the person agreed to; kept in the avatar")
     parser.add_argument("--sheet", type=Path, metavar="FILE.png", help="pictures beside the avatar, and what was seen")
@@ -41,16 +49,19 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
         LiveHandError: the pictures, or the output, cannot be used.
     """
     from ..avatars.file import save_avatar
-    from .making import MakingOptions, person_of_pictures
-    from .person_avatar import person_avatar, shipped_bases
+    from .kept_steps import KeptSteps
+    from .person_avatar import person_avatar
     from .review import held_out_figures, write_sheet
-    from .sources import pictured_hand
 
     if args.output.suffix.lower() != ".safetensors":
         raise LiveHandError(f"an avatar must be written to a .safetensors file, got {args.output.name}")
     model = load_hand_model(DEFAULT_HAND)
-    hand = pictured_hand(args.pictures, model, args.side, args.weights, log)
-    made, hand = person_of_pictures(shipped_bases(model), hand, MakingOptions(), log)
+    steps = KeptSteps.beside(args.output, _inputs(args))
+    try:
+        made, hand = _made(args, model, steps, log)
+    except LiveHandError:
+        steps.remove()  # the same pictures would fail again
+        raise
     beta = hand.pictures[0].pose.beta
     figures = held_out_figures(made.model, hand.pictures, made.lights)
     measured = {} if figures is None else {key: round(value, 3) for key, value in figures._asdict().items()}
@@ -59,6 +70,7 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
     numbers, seen = made.completed.numbers, float((made.completed.confidence > 0.5).mean())
     if args.sheet:
         write_sheet(args.sheet, made, hand.pictures, f"{args.output.stem}: {seen:.0%} of the skin was seen")
+    steps.remove()
     return {
         "avatar": str(args.output),
         "pictures": len(hand.pictures),
@@ -78,6 +90,27 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
     }
 
 
+def _made(
+    args: argparse.Namespace, model: HandModel, steps: KeptSteps, log: Callable[[str], None]
+) -> tuple[MadePerson, PicturedHand]:
+    from .making import MakingOptions, person_of_pictures
+    from .person_avatar import shipped_bases
+    from .sources import PictureSource, pictured_hand
+
+    other = load_hand_model(args.hand) if args.hand else None
+    source = PictureSource(args.pictures, args.side, args.weights, other)
+    hand = pictured_hand(source, model, log, steps)
+    return person_of_pictures(shipped_bases(model), hand, MakingOptions(), log, steps)
+
+
+def _inputs(args: argparse.Namespace) -> dict[str, object]:
+    """Return what decides the steps' results; a path without a file fails later, in words of its own."""
+    from .kept_steps import digest_of
+
+    files = [path and path.exists() and digest_of(path) for path in (args.pictures, args.hand)]
+    return {"files": files, "name": args.pictures.name, "side": args.side}
+
+
 def _figures_line(figures: PersonFigures) -> str:
     return (
         f"  {figures.pictures} pictures that were held out: {figures.psnr_db:.1f} dB on the hand, "
@@ -92,3 +125,18 @@ def _say(line: str) -> None:
 
 
 COMMAND = Command("person", "make an avatar of somebody's hand from pictures", _add_arguments, _run)
+
+
+def start_person(arguments: list[str]) -> ChildJob:
+    """Start the command in a process of its own; its result is what the command reports."""
+    return ChildJob.start("making the avatar", "person.command", arguments)
+
+
+def run() -> None:
+    """Make the person in the process of a job, whose request are the command's arguments."""
+    parser = argparse.ArgumentParser(COMMAND.name)
+    _add_arguments(parser)
+    run_job(
+        lambda request, report: making(parser.parse_args(request), lambda line: report(JobProgress(line))),
+        "the avatar needs more memory than is free; close other programs, or give fewer pictures",
+    )

@@ -20,7 +20,7 @@ from .numbers import ToneFamily, ToneFit, fitted_numbers
 _MOST_WEIGHT = 2.0  # of a texel: more pictures do not make it surer
 _SMOOTH_EDGES = 6.0  # of the Laplacian against data: what is coarser than about 4 mm
 _REACH_EDGES = 12.0  # over which it dies out where nothing was seen
-_KEPT_LOW = 0.5
+_KEPT_LOW = 0.75
 _SURE_WEIGHT = 0.15
 _SURE_AROUND = 0.3, 0.6  # mean confidence around a texel at which it begins to count, and counts fully
 
@@ -47,6 +47,7 @@ def completed_ratio(
     gathered: GatheredRatio,
     family: ToneFamily,
     base_log_albedo: np.ndarray,
+    melanin: float,
     kept_low: float = _KEPT_LOW,
 ) -> CompletedRatio:
     """Complete what was gathered.
@@ -56,10 +57,11 @@ def completed_ratio(
         gathered: in the light as it was estimated.
         family: of skins, at the surface's vertices.
         base_log_albedo: [N, 3] of the base.
+        melanin: of the skin.
         kept_low: share of what is coarse and not explained by the numbers.
     """
     observed, weight = texels.at_vertices(gathered.mean, np.minimum(gathered.weight, _MOST_WEIGHT))
-    numbers = fitted_numbers(family, observed + base_log_albedo, weight)
+    numbers = fitted_numbers(family, observed + base_log_albedo, weight, melanin)
     light = numbers.log_gain + numbers.log_tint
     prior = family.log_albedo(numbers.melanin, numbers.blood) - base_log_albedo
     left = np.where(weight[:, None] > 0, observed - light - prior, 0)

@@ -33,6 +33,7 @@ from ..tracking.turning_hand.frame_choice import chosen_frames
 from ..tracking.turning_hand.hand_frames import film_camera, frames_of, hand_frames
 from ..tracking.turning_hand.take_shape import fit_with_shape
 from ..tracking.turning_hand.window import Window, camera_of, image_of, window_around
+from .kept_steps import FILMED_TAKE, KeptSteps
 from .other_hands import in_window
 from .skin_masks import labelled
 
@@ -64,6 +65,7 @@ def pictures_of_film(
     side: Side | None = None,
     most: int = 40,
     networks: TrackerNetworks | None = None,
+    steps: KeptSteps | None = None,
 ) -> PicturedHand:
     """Track a film and choose pictures of one hand; the camera need not rest, its own axes are the scene's world.
 
@@ -74,6 +76,7 @@ def pictures_of_film(
         side: of the hand; None: the one that more frames show.
         most: number of pictures.
         networks: the tracker's; None: the user's own.
+        steps: where the take is kept; None: nowhere.
 
     Raises:
         LiveHandError: it is no film, or shows no hand, more than two hands, or nothing with the colour of skin.
@@ -89,8 +92,12 @@ def pictures_of_film(
     video, right = open_video(path), model.for_side("right")
     progress("tracking the film")
     play = partial(video.thinned, _MOST_FPS)
-    found = track_frames(frames_of_film(video, _MOST_FPS), HandTracker(networks))
-    take = filmed_take(found, min(video.fps, _MOST_FPS), None, path)
+
+    def tracked() -> FilmedTake:
+        found = track_frames(frames_of_film(video, _MOST_FPS), HandTracker(networks))
+        return filmed_take(found, min(video.fps, _MOST_FPS), None, path)
+
+    take = (steps or KeptSteps()).kept("take", tracked, FILMED_TAKE)
     chosen_side = hand_to_capture(take, side)
     progress(f"fitting the {chosen_side} hand")
     with thread_limit(1):  # operations are small: threads would only wait for each other

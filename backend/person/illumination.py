@@ -7,7 +7,8 @@ finds the sum; robustly, since some of the hand is not where it is thought to be
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -15,8 +16,9 @@ from scipy.spatial import ConvexHull
 
 from ..capture.masks.mask import load_opencv
 from ..capture.picture import linear_to_srgb, srgb_to_linear
+from ..records.camera import Camera
 from ..records.hand_picture import HAND, HandPicture
-from ..records.light import Light, Sky, sky_directions
+from ..records.light import Lamp, Light, Sky, sky_directions
 from .model import PersonModel
 
 _SKY_SIZE = 16, 32
@@ -26,8 +28,12 @@ _LEAST_FACING, _BRIGHTEST, _ERODED_PX = 0.4, 0.97, 5
 _LONGEST_PX = 300  # of a picture in which light is looked for
 _MOST_PIXELS = 6000  # of one picture
 _OUTLIER = 0.15  # relative error at which a pixel counts half
+_DARK, _LEAST_SHOWN = 0.05, 1e-3  # linear
 _RIDGE = 1e-2
-_ROUNDS, _REWEIGHTED = 6, 2
+_ROUNDS = 6
+_MOST_FITTED = 12_000  # pixels of a scene
+# A tint so strong costs as much as a melanin that is off by a tenth does in relative errors.
+_TINT_DEVIATION, _TINT_COST = 0.06, 4e-4
 
 
 def linear_colours(picture: HandPicture) -> np.ndarray:
@@ -48,88 +54,204 @@ class Illumination:
     Attributes:
         lobes: [L] radiance of the sky's lobes, W/(m^2 sr).
         tint: [3] colour of the light over a white one, by the camera's white balance.
+        lamps: white ones beside the sky.
     """
 
     lobes: np.ndarray
     tint: np.ndarray
+    lamps: tuple[Lamp, ...] = ()
+
+    @classmethod
+    def of(cls, fit: LitStrengths, sources: Sequence[Light]) -> Illumination:
+        """Take a fit's light of these sources, the lobes first."""
+        lobes = fit.strengths[: len(sky_lobes())]
+        return cls(lobes, np.exp(fit.log_tint)).with_lamps(sources[len(lobes) :], fit.strengths[len(lobes) :])
+
+    def with_lamps(self, sources: Sequence[Light], strengths: np.ndarray) -> Illumination:
+        """Return this light and the sources' lamps, each so many times as strong."""
+        lamps = [
+            replace(lamp, rgb=strength * np.asarray(lamp.rgb))
+            for source, strength in zip(sources, strengths, strict=True)
+            for lamp in source.lamps
+            if strength > 0
+        ]
+        return replace(self, lamps=(*self.lamps, *lamps))
+
+    def stronger(self, log_gain: float, tint: np.ndarray) -> Illumination:
+        """Return this light, so much stronger, with another tint."""
+        gain = np.exp(log_gain)
+        lamps = tuple(replace(lamp, rgb=gain * np.asarray(lamp.rgb)) for lamp in self.lamps)
+        return Illumination(gain * self.lobes, tint, lamps)
 
     @property
     def light(self) -> Light:
-        """White light of the lobes, in which a neutral camera would have seen the person."""
+        """White light of all, in which a neutral camera would have seen the person."""
         grey = np.tensordot(self.lobes, sky_lobes(), 1)[..., None]
-        return Light(sky=Sky(np.repeat(grey, 3, 2) + _LEAST_RADIANCE))
+        return Light(self.lamps, Sky(np.repeat(grey, 3, 2) + _LEAST_RADIANCE))
+
+    @property
+    def tinted(self) -> Light:
+        """The light in its colour, as the pictures' white balance shows it."""
+        sky = self.light.sky
+        assert sky is not None
+        lamps = tuple(replace(lamp, rgb=self.tint * np.asarray(lamp.rgb)) for lamp in self.lamps)
+        return Light(lamps, Sky(sky.radiance * self.tint))
 
 
 @dataclass(frozen=True)
-class LitPixels:
-    """Pixels of pictures of one scene, and what they show of a person in the light of each lobe.
+class SurePixels:
+    """The pixels of one picture, made small, that surely show skin.
 
     Attributes:
-        basis: [P, 3, L] linear.
+        picture: whose they are.
+        camera: of the small picture.
+        row, column: [P] in it.
         shown: [P, 3] linear.
         uv: [P, 2] of the atlas.
     """
 
-    basis: np.ndarray
+    picture: HandPicture
+    camera: Camera
+    row: np.ndarray
+    column: np.ndarray
     shown: np.ndarray
     uv: np.ndarray
+
+    @classmethod
+    def of(cls, model: PersonModel, picture: HandPicture) -> SurePixels:
+        """Find them."""
+        camera = picture.camera.scaled(min(0.5, _LONGEST_PX / max(picture.camera.size_px)))
+        linear, is_sure = _made_small(picture, camera.size_px)
+        seen = model.seen(picture.pose, camera)
+        row, column = _spread_out(is_sure & seen.is_seen & (seen.facing > _LEAST_FACING) & _eroded(seen.is_seen))
+        return cls(picture, camera, row, column, linear[row, column], seen.uv[row, column])
+
+    def lit(self, model: PersonModel, sources: Sequence[Light]) -> tuple[np.ndarray, np.ndarray]:
+        """Render what they show in each of S lights: [P, 3, S] of the skin's body, and of its surface."""
+        frames = [model.rendered_parts(self.picture.pose, self.camera, source) for source in sources]
+        alpha = np.maximum(frames[0].diffuse.alpha[self.row, self.column], 1e-3)[:, None, None]
+        diffuse, specular = (
+            np.stack([part.rgb[self.row, self.column] for part in parts], -1) / alpha
+            for parts in zip(*frames, strict=True)
+        )
+        return diffuse, specular
+
+
+@dataclass(frozen=True)
+class LitPixels:
+    """Pixels of pictures of one scene, and what they would show of a person in each of S lights of it.
+
+    Attributes:
+        sources: S lights: the sky's lobes, and lamps after them.
+        diffuse: [P, 3, S] linear, in proportion to the albedo.
+        specular: [P, 3, S] linear, whatever the albedo.
+        shown: [P, 3] linear.
+        uv: [P, 2] of the atlas.
+        parts: the pictures' pixels, in order.
+    """
+
+    sources: tuple[Light, ...]
+    diffuse: np.ndarray
+    specular: np.ndarray
+    shown: np.ndarray
+    uv: np.ndarray
+    parts: tuple[SurePixels, ...] = ()
+
+    def basis(self, ratio: np.ndarray) -> np.ndarray:
+        """Compute [P, 3, S] for the albedo of `diffuse` times a ratio [P, 3]."""
+        return self.specular + self.diffuse * ratio[..., None]
+
+    def with_sources(self, model: PersonModel, sources: Sequence[Light]) -> LitPixels:
+        """Return these pixels in more lights."""
+        diffuse, specular = _lit(model, self.parts, sources)
+        return replace(
+            self,
+            sources=(*self.sources, *sources),
+            diffuse=np.concatenate([self.diffuse, diffuse], 2),
+            specular=np.concatenate([self.specular, specular], 2),
+        )
+
+    def of_sources(self, chosen: Sequence[int]) -> LitPixels:
+        """Return these pixels in some of their lights."""
+        sources = tuple(self.sources[index] for index in chosen)
+        kept = np.array(chosen, int)
+        return replace(self, sources=sources, diffuse=self.diffuse[..., kept], specular=self.specular[..., kept])
+
+
+class LitStrengths(NamedTuple):
+    """A light that explains pixels.
+
+    Attributes:
+        strengths: [S] of the pixels' sources.
+        log_tint: [3] of its colour and the camera's white balance; its mean is 0.
+        error: robust mean of squared relative errors, and what the tint costs.
+    """
+
+    strengths: np.ndarray
+    log_tint: np.ndarray
+    error: float
 
 
 def sky_lobes() -> np.ndarray:
     """Compute the lobes [32, H, W] in the directions of an icosahedron's corners and faces."""
     directions = sky_directions(*_SKY_SIZE)
-    return np.stack([np.maximum(directions @ axis, 0) ** _SHARPNESS for axis in _axes()])
+    return np.stack([np.maximum(directions @ axis, 0) ** _SHARPNESS for axis in lobe_directions()])
 
 
 def lit_pixels(
     model: PersonModel, pictures: Sequence[HandPicture], on_picture: Callable[[], None] = lambda: None
 ) -> LitPixels:
     """Render pictures of a scene, made small, in the light of every lobe."""
-    basis, shown, uv = [], [], []
-    for picture in pictures:
-        camera = picture.camera.scaled(min(0.5, _LONGEST_PX / max(picture.camera.size_px)))
-        linear, is_sure = _made_small(picture, camera.size_px)
-        seen = model.seen(picture.pose, camera)
-        is_sure &= seen.is_seen & (seen.facing > _LEAST_FACING) & _eroded(seen.is_seen)
-        row, column = _spread_out(is_sure)
-        frames = [
-            model.rendered(picture.pose, camera, Light(sky=Sky(np.repeat(lobe[..., None], 3, 2))))
-            for lobe in sky_lobes()
-        ]
-        alpha = np.maximum(frames[0].alpha[row, column], 1e-3)[:, None, None]
-        basis.append(np.stack([frame.rgb[row, column] for frame in frames], -1) / alpha)
-        shown.append(linear[row, column])
-        uv.append(seen.uv[row, column])
+    parts = tuple(SurePixels.of(model, picture) for picture in pictures)
+    sources = tuple(Light(sky=Sky(np.repeat(lobe[..., None], 3, 2))) for lobe in sky_lobes())
+    diffuse, specular = _lit(model, parts, sources, on_picture)
+    shown, uv = (np.concatenate([getattr(part, name) for part in parts]) for name in ("shown", "uv"))
+    return LitPixels(sources, diffuse, specular, shown, uv, parts)
+
+
+def _lit(
+    model: PersonModel,
+    parts: Sequence[SurePixels],
+    sources: Sequence[Light],
+    on_picture: Callable[[], None] = lambda: None,
+) -> tuple[np.ndarray, np.ndarray]:
+    found = []
+    for part in parts:
+        found.append(part.lit(model, sources))
         on_picture()
-    return LitPixels(np.concatenate(basis), np.concatenate(shown), np.concatenate(uv))
+    diffuse, specular = (np.concatenate(values) for values in zip(*found, strict=True))
+    return diffuse, specular
 
 
-def fitted_light(pixels: LitPixels, ratio: np.ndarray | None = None) -> Illumination:
-    """Fit the light to pixels. Its colour is not told apart from the skin's here, and left to the person's numbers.
+def fitted_light(pixels: LitPixels, ratio: np.ndarray) -> LitStrengths:
+    """Fit a light of one colour to pixels.
 
     Args:
         pixels: of one scene.
-        ratio: [P, 3] of the person's albedo over that of the basis; None: 1.
+        ratio: [P, 3] of the person's albedo over that of the pixels' `diffuse`.
     """
-    basis = pixels.basis if ratio is None else pixels.basis * ratio[..., None]
-    tint, lobes = np.ones(3), np.zeros(basis.shape[2])
-    mean_basis = basis.mean(1)
-    ridge = _RIDGE * np.sqrt(len(basis)) * mean_basis.mean() * np.eye(basis.shape[2])
+    step = max(1, len(pixels.shown) // _MOST_FITTED)
+    basis, shown = pixels.basis(ratio)[::step].astype(np.float64), pixels.shown[::step].astype(np.float64)
+    scale = 1 / (shown + _DARK)
+    weight, log_tint, strengths = np.ones_like(scale), np.zeros(3), np.zeros(basis.shape[2])
+    ridge = np.diag((_RIDGE * scale.mean() * basis.mean((0, 1))) ** 2 * len(basis))
+    error = np.zeros_like(scale)
     for _ in range(_ROUNDS):
-        grey = (pixels.shown / tint).mean(1)
-        weight = 1 / (grey + 0.05)
-        for _ in range(_REWEIGHTED):
-            stacked = np.concatenate([mean_basis * weight[:, None], ridge * weight.mean()])
-            lobes, _ = nnls(stacked, np.concatenate([grey * weight, np.zeros(len(ridge))]))
-            error = np.abs(mean_basis @ lobes - grey) / (grey + 0.05)
-            weight = 1 / (grey + 0.05) / np.sqrt(1 + (error / _OUTLIER) ** 2)
-        tint = np.exp(np.median(np.log((pixels.shown + 1e-3) / (basis @ lobes + 1e-3)), 0))
-    strength = np.exp(np.log(tint).mean())
-    return Illumination(lobes * strength, np.ones(3))
+        tinted = basis * np.exp(log_tint)[:, None]
+        columns = (tinted * (scale * weight)[..., None]).reshape(-1, basis.shape[2])
+        root = np.linalg.cholesky(columns.T @ columns + ridge)
+        strengths, _ = nnls(root.T, np.linalg.solve(root, columns.T @ (shown * scale * weight).ravel()))
+        error = (tinted @ strengths - shown) * scale
+        weight = 1 / np.sqrt(1 + (error / _OUTLIER) ** 2)
+        bright = np.log((shown + _LEAST_SHOWN) / (basis @ strengths + _LEAST_SHOWN))
+        log_tint = np.median(bright, 0)
+        log_tint -= log_tint.mean()
+    robust = float((_OUTLIER**2 * np.log1p((error / _OUTLIER) ** 2)).mean())
+    return LitStrengths(strengths, log_tint, robust + _TINT_COST * float(log_tint @ log_tint) / _TINT_DEVIATION**2)
 
 
-def _axes() -> np.ndarray:
-    """Return 32 unit directions."""
+def lobe_directions() -> np.ndarray:
+    """Return [32, 3] unit directions of the lobes, world."""
     golden = (1 + 5**0.5) / 2
     corners = np.array([[0, s, t * golden] for s in (-1, 1) for t in (-1, 1)])
     corners = np.concatenate([corners, np.roll(corners, 1, 1), np.roll(corners, 2, 1)])

@@ -1,8 +1,8 @@
 """A person from pictures: the main road.
 
-- light (`illumination`): of every scene, in the albedo so far
+- light (`numbers`, `illumination`): of every scene, and the melanin of the skin in which it explains them best
 - gather (`gathering`): what pictures show of each texel
-- numbers (`numbers`): the nearest skin of the family; strength and tint of the light
+- numbers (`numbers`): blood; strength and tint of the light
 - complete (`completion`): delighting with a prior, and what no picture shows
 - refit (`refit`): poses and shape, by the flow between render and picture, and outlines
 """
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -22,8 +23,10 @@ from ..surface.atlas_texels import AtlasTexels
 from .completion import CompletedRatio, completed_ratio
 from .gathering import GatheredRatio, gathered_ratio
 from .illumination import Illumination, LitPixels, fitted_light, lit_pixels
+from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
+from .lamp_search import with_lamp
 from .model import PersonModel
-from .numbers import ToneFamily
+from .numbers import PixelTones, ToneFamily, fitted_melanin
 from .refit import refitted
 
 _LIGHT_PICTURES = 8
@@ -40,17 +43,19 @@ class MakingOptions:
     Attributes:
         resolution: of the atlas.
         rounds: of light, gathering and completion.
-        with_flow: as in `gathered_ratio`.
+        with_flow: as in `gathered_ratio`, from the second round on: in the first the texture is not the person's.
         kept_low: as in `completed_ratio`.
         pictures: at most.
+        finds_lamps: look for a lamp beside the sky in each scene.
         fits_poses: fit poses and shape again, too.
     """
 
     resolution: int = 1024
     rounds: int = 2
     with_flow: bool = True
-    kept_low: float = 0.5
+    kept_low: float = 0.75
     pictures: int = 36
+    finds_lamps: bool = True
     fits_poses: bool = True
 
 
@@ -86,24 +91,69 @@ def made_person(
     """Make a person from pictures whose poses are known well enough for flow to correct the rest."""
     texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, options.resolution)
     pictures = _chosen([picture for picture in hand.pictures if not picture.is_held_out], options.pictures)
-    base_log_albedo = family_at_base(base)
-    pixels = _pixels_of_scenes(base, pictures, log)
-    lights = {scene: fitted_light(of_scene) for scene, of_scene in pixels.items()}
-    model, person = base, None
+    pixels, skin = _pixels_of_scenes(base, pictures, log), _AtlasTone.of_family(texels, family, family_at_base(base))
+    made = None
     for round_index in range(options.rounds):
-        known = None if person is None else person.completed.log_ratio
-        gathered = gathered_ratio(model, texels, pictures, lights, known, options.with_flow)
+        tones = {scene: skin.at(of_scene) for scene, of_scene in pixels.items()}
+        skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
+        if options.finds_lamps:
+            tones = {scene: with_lamp(base, tone, skin.melanin) for scene, tone in tones.items()}
+            skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
+        lights = {scene: _light(tone, skin.melanin) for scene, tone in tones.items()}
+        model = base.with_ratio(_steps(texels, skin.log_ratio))
+        with_flow = options.with_flow and round_index > 0
+        gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, with_flow)
         _check_seen(gathered)
-        completed = completed_ratio(texels, gathered, family, base_log_albedo, options.kept_low)
+        completed = completed_ratio(texels, gathered, family, family_at_base(base), skin.melanin, options.kept_low)
         log(_report(round_index, gathered, completed))
+        skin = replace(skin, bare=completed.log_ratio - skin.melanin * skin.per_melanin)
         gain, tint = completed.numbers.log_gain, np.exp(completed.numbers.log_tint)
-        lights = {scene: Illumination(light.lobes * np.exp(gain), tint) for scene, light in lights.items()}
-        model = base.with_ratio(ratio_steps(torch.as_tensor(_map(texels, completed))).numpy())
-        person = MadePerson(model, texels, completed, gathered, lights)
-        if round_index + 1 < options.rounds:
-            lights = _lights_again(pixels, lights, texels, completed)
-    assert person is not None
-    return person
+        lights = {scene: light.stronger(gain, tint) for scene, light in lights.items()}
+        model = base.with_ratio(_steps(texels, skin.log_ratio))
+        made = MadePerson(model, texels, completed, gathered, lights)
+    assert made is not None
+    return made
+
+
+@dataclass(frozen=True)
+class _AtlasTone:
+    """The albedo so far, over the base's, and how melanin changes it: logarithms at the texels [T, 3].
+
+    Attributes:
+        texels: of the atlas.
+        bare: without melanin.
+        per_melanin: what melanin of 1 adds.
+        melanin: 0 light to 1 deep.
+    """
+
+    texels: AtlasTexels
+    bare: np.ndarray
+    per_melanin: np.ndarray
+    melanin: float
+
+    @classmethod
+    def of_family(cls, texels: AtlasTexels, family: ToneFamily, base_log_albedo: np.ndarray) -> _AtlasTone:
+        """Begin with a skin of the family."""
+        fields = family.log_albedo(0.0, 1.0) - base_log_albedo, family.deep - family.light
+        return cls(texels, *(texels.at_texels(field.astype(np.float32)) for field in fields), _FIRST_MELANIN)
+
+    @property
+    def log_ratio(self) -> np.ndarray:
+        return self.bare + np.float32(self.melanin) * self.per_melanin
+
+    def at(self, pixels: LitPixels) -> PixelTones:
+        """Look up the skin that pixels show."""
+        size = self.texels.resolution
+        column, row = (pixels.uv * size).astype(int).clip(0, size - 1).T
+        return PixelTones(pixels, *(self.texels.as_map(field)[row, column] for field in (self.bare, self.per_melanin)))
+
+
+def _light(tone: PixelTones, melanin: float) -> Illumination:
+    return Illumination.of(fitted_light(tone.pixels, tone.ratio(melanin)), tone.pixels.sources)
+
+
+def _steps(texels: AtlasTexels, log_ratio: np.ndarray) -> np.ndarray:
+    return ratio_steps(torch.as_tensor(texels.as_map(log_ratio))).numpy()
 
 
 @dataclass(frozen=True)
@@ -131,7 +181,11 @@ class Bases:
 
 
 def person_of_pictures(
-    bases: Bases, hand: PicturedHand, options: MakingOptions, log: Log = lambda line: None
+    bases: Bases,
+    hand: PicturedHand,
+    options: MakingOptions,
+    log: Log = lambda line: None,
+    steps: KeptSteps = KeptSteps(),  # noqa: B008
 ) -> tuple[MadePerson, PicturedHand]:
     """Make a person from pictures whose poses are about known; returns the pictures with poses and shape fitted, too.
 
@@ -139,16 +193,25 @@ def person_of_pictures(
     """
     if hand.is_calibrated:
         options = replace(options, with_flow=False, fits_poses=False)
-    early = replace(options, resolution=_EARLY_RESOLUTION, rounds=1, pictures=_EARLY_PICTURES)
-    base = shaped(bases.nearest(_FIRST_MELANIN), hand)
-    for refits in _EARLY_REFITS if options.fits_poses else (0,):
-        made = made_person(base, hand, bases.family, early, log)
-        base = shaped(bases.nearest(made.completed.numbers.melanin), hand)
-        for _ in range(refits):
-            refit = refitted(made.model, hand.pictures, made.lights)
-            log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
-            hand = replace(hand, pictures=refit.pictures)
-    return made_person(base, hand, bases.family, options, log), hand
+    early = replace(options, resolution=_EARLY_RESOLUTION, rounds=1, pictures=_EARLY_PICTURES, finds_lamps=False)
+    melanin = _FIRST_MELANIN
+    for index, refits in enumerate(_EARLY_REFITS if options.fits_poses else (0,)):
+        base = shaped(bases.nearest(melanin), hand)
+        round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
+        fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
+        hand, melanin = fitted.posed(hand), fitted.melanin
+    return made_person(shaped(bases.nearest(melanin), hand), hand, bases.family, options, log), hand
+
+
+def _early_round(
+    base: PersonModel, hand: PicturedHand, family: ToneFamily, options: MakingOptions, refits: int, log: Log
+) -> FittedRound:
+    made = made_person(base, hand, family, options, log)
+    for _ in range(refits):
+        refit = refitted(made.model, hand.pictures, made.lights)
+        log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
+        hand = replace(hand, pictures=refit.pictures)
+    return FittedRound(tuple(picture.pose for picture in hand.pictures), made.completed.numbers.melanin)
 
 
 _EARLY_RESOLUTION, _EARLY_PICTURES, _EARLY_REFITS = 512, 16, (2, 2)
@@ -202,24 +265,6 @@ def _check_seen(gathered: GatheredRatio) -> None:
             f"the pictures must show at least {_LEAST_SEEN:.0%} of the skin where the fitted hand is, got {seen:.0%}; "
             "show the whole hand, larger, sharp and in light"
         )
-
-
-def _lights_again(
-    pixels: Mapping[int, LitPixels], lights: Mapping[int, Illumination], texels: AtlasTexels, completed: CompletedRatio
-) -> dict[int, Illumination]:
-    """Fit the light in the person's albedo; its tint stays that of the numbers."""
-    factor = np.exp(_map(texels, completed))
-    found = {}
-    for scene, of_scene in pixels.items():
-        size = texels.resolution
-        column, row = (of_scene.uv * size).astype(int).clip(0, size - 1).T
-        again = fitted_light(of_scene, factor[row, column] * lights[scene].tint)
-        found[scene] = replace(again, tint=lights[scene].tint)
-    return found
-
-
-def _map(texels: AtlasTexels, completed: CompletedRatio) -> np.ndarray:
-    return texels.as_map(completed.log_ratio)
 
 
 def _report(index: int, gathered: GatheredRatio, completed: CompletedRatio) -> str:

@@ -13,9 +13,10 @@ from ..avatars.avatar import Avatar
 from ..field.rays import CameraTensors, camera_tensors, view_directions
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
+from ..image.shading import diffuse_and_specular
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
-from ..records.frame import Frame
+from ..records.frame import Frame, empty_frame
 from ..records.light import Light
 from ..records.shot import HandPose, Shot
 from ..render.progress import RenderProgress
@@ -41,6 +42,13 @@ class GeometryMaps(NamedTuple):
     uv: np.ndarray
     facing: np.ndarray
     depth: np.ndarray
+
+
+class DiffuseAndSpecular(NamedTuple):
+    """One frame in two parts, whose sum it is: light that has met the skin's pigment, and light that has not."""
+
+    diffuse: Frame
+    specular: Frame
 
 
 @dataclass(frozen=True)
@@ -92,9 +100,16 @@ class PersonModel:
 
     def rendered(self, pose: HandPose, camera: Camera, light: Light) -> Frame:
         """Render the person without hair; a pose and a view that were rendered last take another light at once."""
-        shot = Shot(pose, self.vertices(pose), camera, light, hair=0.0)
         with torch.inference_mode():
-            return self.pipeline.render(shot, RenderProgress(lambda: False, lambda stage: None))
+            return self.pipeline.render(self._shot(pose, camera, light), _unseen_progress())
+
+    def rendered_parts(self, pose: HandPose, camera: Camera, light: Light) -> DiffuseAndSpecular:
+        """Render the person as `rendered` does, what the skin reflects at its surface apart."""
+        with torch.inference_mode():
+            return self.pipeline.render_parts(self._shot(pose, camera, light), _unseen_progress())
+
+    def _shot(self, pose: HandPose, camera: Camera, light: Light) -> Shot:
+        return Shot(pose, self.vertices(pose), camera, light, hair=0.0)
 
     def seen(self, pose: HandPose, camera: Camera) -> GeometryMaps:
         """Find what a picture shows of the surface."""
@@ -144,6 +159,17 @@ class PersonPipeline(RelightablePipeline):
     base: RelightablePipeline | None = None
     steps: np.ndarray | None = None
 
+    def render_parts(self, shot: Shot, progress: RenderProgress) -> DiffuseAndSpecular:
+        """Render a frame in two parts; raises what `Renderer.render` raises."""
+        gbuffer = self.gbuffer_of(shot, progress)
+        if gbuffer is None:
+            empty = empty_frame(shot.camera.size_px)
+            return DiffuseAndSpecular(empty, empty)
+        parts = (replace(gbuffer, image=part) for part in diffuse_and_specular(gbuffer.image))
+        with self.backend.threads_of_frame(gbuffer.crop.pixels):
+            features = self.lit(gbuffer, shot)
+            return DiffuseAndSpecular(*(self.developed(part, features) for part in parts))
+
     @cached_property
     def surface(self):
         """The base's surface with the person's factor."""
@@ -173,6 +199,10 @@ class PersonPipeline(RelightablePipeline):
     def _base(self) -> RelightablePipeline:
         assert self.base is not None
         return self.base
+
+
+def _unseen_progress() -> RenderProgress:
+    return RenderProgress(lambda: False, lambda stage: None)
 
 
 _ANY_CAMERA = Camera(np.eye(3), np.eye(4), (1, 1))

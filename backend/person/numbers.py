@@ -1,22 +1,26 @@
 """The person's numbers: the skin of our family that comes nearest to what the pictures show, and the prior by place.
 
-Pigments absorb exponentially, so that the logarithm of the albedo of a skin is linear in melanin and in blood. A grey
-factor is the strength of the light, which the same pictures do not tell apart from a lighter skin; a tint is the
-camera's white balance.
+Pigments absorb exponentially, so that the logarithm of the albedo of a skin is linear in melanin and in blood.
+
+A lighter skin in a dimmer light has the same colours, and so has another skin under another white balance, but for
+their highlights: light that is reflected at the surface has not met the pigment. So for each melanin the light is
+fitted that explains the pictures best in it, and the melanin is taken whose light explains them best of all. What is
+left is blood, a grey factor, the strength of the light, and a tint, the camera's white balance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from .illumination import LitPixels, fitted_light
+
 BLOOD_LOG_ALBEDO = (-0.03, -0.38, -0.58)
 """By which blood of 1 more changes the logarithm of albedo."""
-_BLOOD_DEVIATION, _TINT_DEVIATION = 0.5, 0.06
-_MELANIN_STEPS = 121
-_MOST_MELANIN = 1.2
+_BLOOD_DEVIATION, _TINT_DEVIATION = 0.2, 0.06
 _MOST_ERROR = 0.5
 _GREEN_PURPLE, _RED_BLUE = np.array([-1.0, 2.0, -1.0]) / 6**0.5, np.array([1.0, 0.0, -1.0]) / 2**0.5
 
@@ -51,34 +55,57 @@ class ToneFit(NamedTuple):
     error: float
 
 
-def fitted_numbers(family: ToneFamily, log_albedo: np.ndarray, weight: np.ndarray) -> ToneFit:
-    """Fit the numbers to an observed albedo.
+def fitted_numbers(family: ToneFamily, log_albedo: np.ndarray, weight: np.ndarray, melanin: float) -> ToneFit:
+    """Fit the other numbers to an observed albedo of a skin whose melanin is known.
 
     Args:
         family: of skins.
         log_albedo: [N, 3] its logarithm, where it was seen.
         weight: [N] 0 where it was not.
+        melanin: 0 light to 1 deep.
     """
     share = weight / weight.sum()
     columns = np.stack([np.ones(3), np.array(BLOOD_LOG_ALBEDO), _GREEN_PURPLE, _RED_BLUE], 1)
     deviations = np.array([np.inf, _BLOOD_DEVIATION, _TINT_DEVIATION, _TINT_DEVIATION])
-    priors = np.diag(1 / deviations)[1:]
-    best: tuple[float, ToneFit] | None = None
-    for melanin in np.linspace(0, _MOST_MELANIN, _MELANIN_STEPS):
-        left = log_albedo - family.log_albedo(melanin, 1.0)
-        mean = share @ left
-        # The mean over a hand is known to some hundredths: prior and data meet there.
-        stacked = np.concatenate([columns / _MEAN_DEVIATION, priors])
-        found = np.linalg.lstsq(stacked, np.concatenate([mean / _MEAN_DEVIATION, np.zeros(3)]), rcond=None)[0]
-        rest = np.minimum(np.abs(left - columns @ found), _MOST_ERROR)
-        error = float(share @ rest.mean(1))
-        cost = error + _PRIOR_SHARE * float((priors @ found) @ (priors @ found))
-        if best is None or cost < best[0]:
-            tint = found[2] * _GREEN_PURPLE + found[3] * _RED_BLUE
-            best = cost, ToneFit(float(melanin), 1 + float(found[1]), float(found[0]), tint, error)
-    assert best is not None
-    return best[1]
+    left = log_albedo - family.log_albedo(melanin, 1.0)
+    # The mean over a hand is known to some hundredths: prior and data meet there.
+    stacked = np.concatenate([columns / _MEAN_DEVIATION, np.diag(1 / deviations)[1:]])
+    found = np.linalg.lstsq(stacked, np.concatenate([share @ left / _MEAN_DEVIATION, np.zeros(3)]), rcond=None)[0]
+    rest = np.minimum(np.abs(left - columns @ found), _MOST_ERROR)
+    tint = found[2] * _GREEN_PURPLE + found[3] * _RED_BLUE
+    return ToneFit(melanin, 1 + float(found[1]), float(found[0]), tint, float(share @ rest.mean(1)))
 
 
 _MEAN_DEVIATION = 0.02
-_PRIOR_SHARE = 0.01
+_MELANINS = np.linspace(0, 1.2, 13)
+
+
+class PixelTones(NamedTuple):
+    """Pixels of one scene, and what is known of the skin that they show.
+
+    Attributes:
+        pixels: in the light of each lobe.
+        log_ratio: [P, 3] logarithm of the albedo over that of the pixels' `diffuse`, of a skin without melanin.
+        log_melanin: [P, 3] what melanin of 1 adds to it.
+    """
+
+    pixels: LitPixels
+    log_ratio: np.ndarray
+    log_melanin: np.ndarray
+
+    def ratio(self, melanin: float) -> np.ndarray:
+        """Compute the ratio [P, 3] of a skin with this melanin."""
+        return np.exp(self.log_ratio + melanin * self.log_melanin)
+
+
+def fitted_melanin(scenes: Sequence[PixelTones]) -> float:
+    """Find the melanin, 0 light to 1.2, whose light explains all scenes best."""
+    errors = np.array(
+        [np.mean([fitted_light(one.pixels, one.ratio(melanin)).error for one in scenes]) for melanin in _MELANINS]
+    )
+    best = int(errors.argmin())
+    if best in (0, len(_MELANINS) - 1):
+        return float(_MELANINS[best])
+    below, least, above = errors[best - 1 : best + 2]
+    step = _MELANINS[1] - _MELANINS[0]
+    return float(_MELANINS[best] + step * (below - above) / (2 * (below - 2 * least + above)))

@@ -2,7 +2,8 @@
 
 Landmarks put a hand within a centimetre. Once the model has about the person's skin and light, flow says for every
 visible vertex where it should be. A vertex at the hand's outline should lie on the mask's, somewhere: only its distance
-across that edge counts. All pictures share the shape; held-out ones fit their pose alone.
+across that edge counts. Pictures of one moment share their pose, all share the shape; held-out ones fit their pose
+alone.
 """
 
 from __future__ import annotations
@@ -202,8 +203,9 @@ def _fitted(
     model: PersonModel, pictures: Sequence[HandPicture], targets: Sequence[PoseTargets], fits_shape: bool
 ) -> list[HandPose]:
     skin, cameras = SkinTensors.of(model.hand.for_side("right")), _Cameras.of([one.camera for one in pictures])
+    first, pose_of = _poses_of(pictures)
     start = [
-        torch.as_tensor(np.stack([getattr(one.pose, name) for one in pictures]), dtype=torch.float32)
+        torch.as_tensor(np.stack([getattr(pictures[index].pose, name) for index in first]), dtype=torch.float32)
         for name in ("theta", "transl", "forearm")
     ]
     first_beta = torch.as_tensor(pictures[0].pose.beta, dtype=torch.float32)
@@ -221,7 +223,8 @@ def _fitted(
         for group, (_, rate) in zip(optimiser.param_groups, parameters, strict=True):
             group["lr"] = rate * (1 - step / _STEPS)
         shape = torch.where(shapes_beta, beta, beta.detach())
-        px = cameras.project(pose_hand(skin, theta, shape, transl, forearm).vertices + offset_m)
+        vertices = pose_hand(skin, theta[pose_of], shape, transl[pose_of], forearm[pose_of]).vertices
+        px = cameras.project(vertices + offset_m)
         data = (weight * _robust((px - goal).norm(dim=-1))).sum(1) / weight.sum(1).clamp(min=1)
         loss = data.mean() + _OUTLINE_WEIGHT * outlines.loss(px)
         loss = loss + _THETA_WEIGHT * ((theta - start[0])[:, 1:] ** 2).sum((1, 2)).mean()
@@ -233,7 +236,18 @@ def _fitted(
         optimiser.step()
     fitted = (values.detach().double().numpy() for values in (theta, transl, forearm))
     shape = beta.detach().double().numpy()
-    return [HandPose(a, shape, b, "right", c) for a, b, c in zip(*fitted, strict=True)]
+    poses = [HandPose(a, shape, b, "right", c) for a, b, c in zip(*fitted, strict=True)]
+    return [poses[row] for row in pose_of.tolist()]
+
+
+def _poses_of(pictures: Sequence[HandPicture]) -> tuple[list[int], Tensor]:
+    """Return the first picture of each of P poses, and the pose [K] that each picture shows."""
+    first: dict[object, int] = {}
+    for index, picture in enumerate(pictures):
+        first.setdefault(("alone", index) if picture.moment is None else picture.moment, index)
+    row = {index: place for place, index in enumerate(first.values())}
+    shown = [row[index if picture.moment is None else first[picture.moment]] for index, picture in enumerate(pictures)]
+    return list(first.values()), torch.as_tensor(shown)
 
 
 def _offset(model: PersonModel, pose: HandPose) -> np.ndarray:

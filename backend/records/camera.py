@@ -1,6 +1,8 @@
-"""A pinhole camera. K and the pixel-centre convention are fixed here and nowhere else.
+"""A pinhole camera, or an orthographic one. K and the pixel-centre convention are fixed here and nowhere else.
 
-Axes are OpenCV's: x right, y down, z forward. The centre of pixel (column i, row j) is at (i + 0.5, j + 0.5) px.
+Axes are OpenCV's: x right, y down, z forward. A pinhole's K takes (x / z, y / z, 1) to pixels, an orthographic camera's
+takes (x, y, 1): its focal lengths are pixels per metre. The centre of pixel (column i, row j) is at
+(i + 0.5, j + 0.5) px.
 `depth` is measured along the optical axis, `dist` along the ray; both in metres.
 """
 
@@ -23,11 +25,13 @@ class Camera:
         K: [3, 3] intrinsics, px.
         cam2world: [4, 4] rigid transform from OpenCV camera axes to the world, m.
         size_px: (width, height).
+        is_orthographic: whether its rays are parallel, and begin in the plane through its centre.
     """
 
     K: np.ndarray
     cam2world: np.ndarray
     size_px: tuple[int, int]
+    is_orthographic: bool = False
 
     def __post_init__(self):
         _check(np.shape(self.K) == (3, 3), f"K must be [3, 3] px, got {np.shape(self.K)}")
@@ -53,14 +57,27 @@ class Camera:
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project world points [..., 3] m to pixels [..., 2] and depth [...] m. Depth <= 0 lies behind the camera."""
         in_camera = (points - self.origin) @ self.cam2world[:3, :3]
+        depth = in_camera[..., 2]
+        if self.is_orthographic:
+            in_camera = np.concatenate([in_camera[..., :2], np.ones_like(depth)[..., None]], -1)
         homogeneous = in_camera @ self.K.T
-        return homogeneous[..., :2] / homogeneous[..., 2:], in_camera[..., 2]
+        return homogeneous[..., :2] / homogeneous[..., 2:], depth
 
     def ray_directions(self, pixels_px: np.ndarray) -> np.ndarray:
         """Compute world directions [..., 3], scaled to depth 1, through the pixel positions [..., 2]."""
+        if self.is_orthographic:
+            return np.broadcast_to(self.cam2world[:3, 2], (*pixels_px.shape[:-1], 3))
+        return self._through(pixels_px) @ self.cam2world[:3, :3].T
+
+    def ray_origins(self, pixels_px: np.ndarray) -> np.ndarray:
+        """Compute where the rays through the pixel positions [..., 2] have depth 0, world [..., 3], m."""
+        if not self.is_orthographic:
+            return np.broadcast_to(self.origin, (*pixels_px.shape[:-1], 3))
+        return self.origin + self._through(pixels_px)[..., :2] @ self.cam2world[:3, :2].T
+
+    def _through(self, pixels_px: np.ndarray) -> np.ndarray:
         ones = np.ones_like(pixels_px[..., :1])
-        in_camera = np.concatenate([pixels_px, ones], -1) @ np.linalg.inv(self.K).T
-        return in_camera @ self.cam2world[:3, :3].T
+        return np.concatenate([pixels_px, ones], -1) @ np.linalg.inv(self.K).T
 
     def through_lens(self, offset_m: np.ndarray, focus_m: float) -> Camera:
         """Look through a point of a thin lens beside its centre; the plane of focus does not move in the image.
@@ -68,7 +85,14 @@ class Camera:
         Args:
             offset_m: [2] along the camera's x and y.
             focus_m: depth of the plane of focus.
+
+        Raises:
+            LiveHandError: the camera is orthographic, which has no lens.
         """
+        _check(
+            not self.is_orthographic,
+            "depth of field needs a perspective camera, got an orthographic one; turn its depth of field off",
+        )
         K, cam2world = self.K.copy(), self.cam2world.copy()
         K[:2, 2] += K.diagonal()[:2] * offset_m / focus_m
         cam2world[:3, 3] += cam2world[:3, :2] @ offset_m

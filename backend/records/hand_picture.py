@@ -33,6 +33,7 @@ class HandPicture:
         scene: pictures of one scene share the light, which rests in its world.
         log_gain: [3] logarithm of its exposure and white balance over those of the scene's other pictures, if known.
         is_held_out: kept from all fits but that of its own pose, to measure them.
+        moment: pictures of one moment show one pose, in one world; None: no other does.
     """
 
     name: str
@@ -44,6 +45,7 @@ class HandPicture:
     scene: int = 0
     is_held_out: bool = False
     log_gain: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    moment: int | None = None
 
     def __post_init__(self):
         width, height = self.camera.size_px

@@ -15,6 +15,8 @@ import numpy as np
 from ..records.depth_profile import DepthProfile, opacity_before
 from ..records.frame import DEPTH_BACKGROUND, Frame
 
+_SOLID_ALPHA = 0.5
+
 
 @dataclass(frozen=True)
 class SceneLayer:
@@ -61,13 +63,13 @@ def joined(parts: Sequence[Frame]) -> Frame:
     )
 
 
-def over(hands: Frame, scene: SceneLayer) -> Frame:
-    """Composite the joined hands over their scene."""
-    behind = 1 - hands.alpha
+def over(hands: Frame, scene: SceneLayer, hole: np.ndarray) -> Frame:
+    """Composite the joined hands over their scene; `hole` [H, W] is the share of each pixel that shows neither."""
+    behind = np.maximum(1 - hands.alpha - hole, 0)
     return Frame(
         rgb=hands.rgb + behind[..., None] * scene.rgb,
         alpha=hands.alpha + behind * scene.alpha,
-        depth=np.minimum(hands.depth, scene.depth),
+        depth=np.minimum(hands.depth, np.where(hole < _SOLID_ALPHA, scene.depth, np.float32(DEPTH_BACKGROUND))),
     )
 
 
@@ -163,6 +165,3 @@ def _dimmed(frame: Frame, share: np.ndarray) -> Frame:
     hidden = alpha < _SOLID_ALPHA
     depth = np.where(hidden, np.float32(DEPTH_BACKGROUND), frame.depth)
     return Frame(frame.rgb * share[..., None], alpha, depth, frame.profile)
-
-
-_SOLID_ALPHA = 0.5

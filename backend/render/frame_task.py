@@ -76,12 +76,14 @@ class HandInstance:
         mesh_name: of the visible object, under which Cryptomatte lists the hand.
         renderer: of its avatar.
         grade: the change of its colours.
+        is_holdout: whether it leaves a hole in the picture, where it hides what is behind.
     """
 
     name: str
     mesh_name: str
     renderer: HandRenderer
     grade: Grade
+    is_holdout: bool = False
 
 
 @dataclass(frozen=True)

@@ -157,6 +157,7 @@ class GBuffer:
         ours, theirs = self.shot, shot
         return (
             ours.camera.size_px == theirs.camera.size_px
+            and ours.camera.is_orthographic == theirs.camera.is_orthographic
             and ours.pose.side == theirs.pose.side
             and (ours.hair, ours.quality) == (theirs.hair, theirs.quality)
             and np.array_equal(ours.vertices, theirs.vertices)

@@ -62,20 +62,41 @@ def compose_picture(
     ]
     alone = [visible_parts(frames) for frames in converted]
     shown = alone if around is None else [visible_parts(frames, around.depth) for frames in converted]
-    visible = _mean(shown, size_px)
+    visible = _mean(_without_holdouts(hands, shown), size_px)
     return Picture(
-        combined=visible if around is None else over(visible, around),
-        hands=visible if around is None else _mean(alone, size_px),
+        combined=visible if around is None else over(visible, around, _hole(hands, shown, size_px)),
+        hands=visible if around is None else _mean(_without_holdouts(hands, alone), size_px),
         visible_alpha=visible.alpha,
         coverage=_coverage(hands, shown),
         surface=surface,
     )
 
 
+def _without_holdouts(hands: Sequence[HandInstance], samples: Sequence[Sequence[Frame]]) -> list[list[Frame]]:
+    """Return the parts of each sample, of holdouts nothing."""
+    return [
+        [_nothing_like(part) if hand.is_holdout else part for hand, part in zip(hands, parts, strict=True)]
+        for parts in samples
+    ]
+
+
+def _nothing_like(frame: Frame) -> Frame:
+    height, width = frame.alpha.shape
+    return empty_frame((width, height))
+
+
+def _hole(hands: Sequence[HandInstance], samples: Sequence[Sequence[Frame]], size_px: tuple[int, int]) -> np.ndarray:
+    """Average what holdouts cover of each pixel [H, W] over the exposure."""
+    held = [part.alpha for parts in samples for hand, part in zip(hands, parts, strict=True) if hand.is_holdout]
+    return sum(held, np.zeros(size_px[::-1], np.float32)) / max(len(samples), 1)
+
+
 def _coverage(hands: Sequence[HandInstance], samples: Sequence[Sequence[Frame]]) -> dict[str, np.ndarray]:
-    """Sum the coverage of each mesh's instances, which count together."""
+    """Sum the coverage of each mesh's instances, which count together; holdouts, which cannot be seen, have none."""
     coverage: dict[str, np.ndarray] = {}
     for hand, parts in zip(hands, zip(*samples, strict=True), strict=True):
+        if hand.is_holdout:
+            continue
         alpha = np.mean([part.alpha for part in parts], axis=0)
         coverage[hand.mesh_name] = (
             np.minimum(coverage[hand.mesh_name] + alpha, 1) if hand.mesh_name in coverage else alpha
@@ -83,17 +104,22 @@ def _coverage(hands: Sequence[HandInstance], samples: Sequence[Sequence[Frame]])
     return coverage
 
 
-def surface_of(task: FrameTask, motion: Sequence[np.ndarray] | None = None) -> Mapping[str, np.ndarray] | None:
+def surface_of(
+    hands: Sequence[HandInstance], task: FrameTask, motion: Sequence[np.ndarray] | None = None
+) -> Mapping[str, np.ndarray] | None:
     """Compute the surface maps at the sample nearest to the frame itself (mean normals or positions mean nothing).
 
-    None if the task has no hand. `motion` [V, 4] px is that of each hand's vertices, as `SurfaceMaps` has it.
+    None if the task has no hand that is seen. `motion` [V, 4] px is that of each hand's vertices, as in `SurfaceMaps`.
     """
-    if not task.samples or not task.samples[0]:
+    if not task.samples:
+        return None
+    every = zip(hands, task.samples[0], motion or [None] * len(hands), strict=True)
+    seen = [(one, of_hand) for hand, one, of_hand in every if not hand.is_holdout]
+    if not seen:
         return None
     from .surface_maps import nearest_maps, surface_maps  # torch, which may be missing until a hand is rendered
 
-    hands = zip(task.samples[0], motion or [None] * len(task.samples[0]), strict=True)
-    return vars(nearest_maps([surface_maps(hand.shot, hand.renderer.hand, of_hand) for hand, of_hand in hands]))
+    return vars(nearest_maps([surface_maps(one.shot, one.renderer.hand, of_hand) for one, of_hand in seen]))
 
 
 def _mean(samples: Sequence[Sequence[Frame]], size_px: tuple[int, int]) -> Frame:

@@ -16,7 +16,7 @@ from torch.nn.functional import max_pool2d, normalize
 
 from ..compute.reference import ReferenceBackend
 from ..field.field import mean_features
-from ..field.rays import HandInView, RenderedRays, SurfaceRays, ray_directions, ray_origin
+from ..field.rays import HandInView, RenderedRays, SurfaceRays, ray_directions, ray_origins
 from ..field.relightable import RelightableField
 from ..field.volume import Composite
 from ..geometry.mesh import PosedMesh
@@ -56,8 +56,9 @@ class PrimaryHits(NamedTuple):
     def on_surface(self, mesh: DetailMesh) -> HitSurface:
         """Return the avatar's posed surface with the rays' points on it; it must be the one whose `hits` these have."""
         assert self.hits is not None
-        directions = ray_directions(self.hand.camera, self.pixel)
-        return HitSurface(mesh, self.hits.positions(self.hand.camera, directions, self.position))
+        camera = self.hand.camera
+        origins, directions = ray_origins(camera, self.pixel), ray_directions(camera, self.pixel)
+        return HitSurface(mesh, self.hits.positions(origins, directions, self.position))
 
 
 def primary_hits(
@@ -213,7 +214,7 @@ def ray_positions(
     if hits is not None:
         depth = torch.where(hits.is_of_other_part(depth, skin.edge_m), hits.depth, depth)
     depth = torch.where(depth.isfinite(), depth, middle)
-    return ray_origin(hand.camera) + depth[:, None] * directions
+    return ray_origins(hand.camera, pixel) + depth[:, None] * directions
 
 
 def surface_points(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from ..field.rays import camera_tensors, project, ray_directions, ray_origin
+from ..field.rays import camera_tensors, project, ray_directions, ray_origins
 from ..geometry.mesh import vertex_normals
 from ..geometry.rasterise import Fragments, rasterise
 from ..hand.model import HandModel
@@ -99,10 +99,10 @@ class _VisiblePoints(NamedTuple):
     @classmethod
     def of(cls, shot: Shot, vertices: torch.Tensor, faces: torch.Tensor) -> _VisiblePoints:
         view = camera_tensors(shot.camera, "cpu")
-        hits = rasterise(*project(view, vertices), faces, view.size_px)
+        hits = rasterise(*project(view, vertices), faces, view.size_px, view.is_orthographic)
         pixel, hit = _nearest_fronts(hits)
         depth, face = hits.depth[hit], hits.face[hit]
-        points = ray_origin(view) + depth[:, None] * ray_directions(view, pixel)
+        points = ray_origins(view, pixel) + depth[:, None] * ray_directions(view, pixel)
         return cls(pixel, face, depth, points, _barycentric(points, vertices[faces[face]]))
 
 

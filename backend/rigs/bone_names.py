@@ -57,7 +57,17 @@ _EXCLUDED = set(
 )
 _LAYERS = ("def", "org")
 _WORDS = sorted(
-    {*_FINGERS, *_PARTS, *_HANDS, *(word for word in _SIDES if len(word) > 1), "finger", "toe", "twist", "phalanx"},
+    {
+        *_FINGERS,
+        *_PARTS,
+        *_HANDS,
+        *(word for word in _SIDES if len(word) > 1),
+        "finger",
+        "toe",
+        "twist",
+        "phalanx",
+        "root",
+    },
     key=len,
     reverse=True,
 )
@@ -128,7 +138,7 @@ def _finger(tokens: list[str]) -> tuple[str | None, int]:
 
 def _position(others: list[str], following: list[str]) -> float | None:
     """Find the position along a named finger: from a part's name, else from the first number or letter that follows."""
-    parts = [_PARTS[token] for token in others if token in _PARTS]
+    parts = [1.0 if token == "root" else _PARTS[token] for token in others if token in _PARTS or token == "root"]
     if "in" in others and "hand" in others:  # RightInHandIndex
         return METACARPAL
     if parts:

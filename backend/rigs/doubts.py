@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..hand.model import JOINT_NAMES
+from ..motion import gate
 from ..motion.motion import HandMotion
-from .natural_range import unnatural_joints
 from .rest_alignment import RestAlignment
 from .shape_fit import MOST_BETA
 
@@ -31,18 +31,25 @@ def fit_doubts(alignment: RestAlignment) -> list[str]:
     return found
 
 
-def rest_doubts(alignment: RestAlignment) -> str | None:
-    """Join all that speaks against the bones of an alignment; None: nothing."""
-    found = fit_doubts(alignment)
-    if not SMALLEST_SIZE <= alignment.shape.scale <= LARGEST_SIZE:
-        found.append(f"it is {alignment.shape.scale:.3g} times as large as a hand")
+def rest_doubts(alignment: RestAlignment, factor: float = 1.0) -> str | None:
+    """Join all that speaks against the bones of an alignment, whose lengths are scaled by a factor; None: nothing."""
+    found, size = fit_doubts(alignment), alignment.shape.scale * factor
+    if not SMALLEST_SIZE <= size <= LARGEST_SIZE:
+        found.append(f"it is {size:.3g} times as large as a hand{_unit_guess(size)}")
     return "; ".join([*found, *_missing(alignment)]) or None
+
+
+def _unit_guess(size: float) -> str:
+    """Word the scale by a power of ten, or of inches, that makes a size a hand's; empty: none does."""
+    scales = [*(10.0**power for power in range(-6, 7)), 0.0254, 1 / 0.0254]
+    best = min(scales, key=lambda scale: abs(np.log(size * scale))) if size > 0 else 1.0
+    is_usual = best != 1.0 and SMALLEST_SIZE <= size * best <= LARGEST_SIZE
+    return f", as if in another unit: scaled by {best:.4g} it would be one" if is_usual else ""
 
 
 def motion_doubts(alignment: RestAlignment, motion: HandMotion) -> str | None:
     """Join all that speaks against a motion and its alignment; None: nothing."""
-    unnatural = unnatural_joints(alignment.model, motion)
-    found = [*([unnatural] if unnatural else []), *fit_doubts(alignment), *_missing(alignment)]
+    found = [*gate.motion_doubts(alignment.model, motion), *fit_doubts(alignment), *_missing(alignment)]
     return "; ".join(found) or None
 
 

@@ -9,6 +9,8 @@ import numpy as np
 # Millimetres from the wrist to a finger's first joint, and from joint to joint, of the built-in hand: only their ratios
 # count. A metacarpal begins at the wrist and is as long as the palm, a bone at the tip begins two lengths too far.
 _FINGER_MM, _THUMB_MM = (91.0, 40.0, 23.0), (32.0, 46.0, 32.0)
+_WITH_METACARPAL = 4  # bones of a finger
+_TOGETHER, _BEHIND = 0.35, 1.2  # of the palm's length: how far metacarpals begin from each other, and from a forearm
 _SHORTEST = 1e-6  # of the longest length: bones in one place are no joints
 
 
@@ -35,6 +37,23 @@ def finger_of_chain(chain: list[int], heads: np.ndarray, wrist: int | None, is_t
         first = min(starts, key=lambda start: _unlikeness([wrist, *chain[start : start + 3]], heads, is_thumb))
     padded = [*chain[first:], None, None, None, None]
     return FingerBones((padded[0], padded[1], padded[2]), padded[3])
+
+
+def lacks_wrist(heads: np.ndarray, above: int, chains: list[list[int]]) -> bool:
+    """Tell whether fingers' chains begin at a wrist that has no bone: in one place, far from the bone above them.
+
+    Args:
+        heads: [B, 3] m.
+        above: index of the bone that the chains hang from, such as a forearm.
+        chains: indices of each finger's bones, from the palm outwards.
+    """
+    if min(len(chain) for chain in chains) < _WITH_METACARPAL:
+        return False
+    firsts = heads[[chain[0] for chain in chains]]
+    palm = np.linalg.norm(heads[[chain[1] for chain in chains]] - firsts, axis=1).max()
+    apart = np.linalg.norm(firsts - firsts.mean(0), axis=1).max()
+    behind = np.linalg.norm(firsts.mean(0) - heads[above])
+    return bool(apart < _TOGETHER * palm and behind > _BEHIND * palm)
 
 
 def _unlikeness(bones: list[int], heads: np.ndarray, is_thumb: bool) -> float:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..records.side import Side
-from .finger_chains import FingerBones, finger_of_chain
+from .finger_chains import FingerBones, finger_of_chain, lacks_wrist
 from .source_skeleton import SourceSkeleton, unit
 
 # Fingers bent, or a thumb out of the palm's plane, by less than this do not show the palm: sine, share of the length.
 _LEAST_BEND, _LEAST_OFFSET = 0.03, 0.03
+_MIDDLE, _THUMB = 1, 4  # among the fingers in MANO's order
 _KNUCKLES = [1, 4, 10, 7]  # from the index to the little finger
 
 
@@ -20,7 +21,7 @@ class FoundHand:
     """A hand found by shape.
 
     Attributes:
-        wrist: index of its bone.
+        wrist: index of its bone; where a hand has none, of the middle finger's metacarpal, which begins there.
         fingers: index, middle, pinky, ring, thumb.
         side: None if the rest pose does not show the palm.
     """
@@ -62,8 +63,19 @@ def side_of(heads: np.ndarray) -> Side | None:
     return None if lean == 0 else "right" if lean > 0 else "left"
 
 
-def _hand(skeleton: SourceSkeleton, wrist: int, chains: list[list[int]]) -> FoundHand:
+def _hand(skeleton: SourceSkeleton, above: int, chains: list[list[int]]) -> FoundHand:
     heads = skeleton.heads
+    order = _order(heads, above, chains)
+    wrist, ordered = above, [chains[k] for k in order]
+    if lacks_wrist(heads, above, ordered):
+        wrist, ordered = ordered[_MIDDLE][0], [chain[1:] for chain in ordered]
+    fingers = tuple(finger_of_chain(chain, heads, wrist, k == _THUMB) for k, chain in enumerate(ordered))
+    joints = [wrist, *(bone for finger in fingers for bone in finger.joints if bone is not None)]
+    return FoundHand(wrist, fingers, side_of(heads[joints]) if len(joints) == 16 else None)
+
+
+def _order(heads: np.ndarray, wrist: int, chains: list[list[int]]) -> tuple[int, ...]:
+    """Find which of the chains is the index, middle, pinky, ring finger and the thumb."""
     ends = np.array([heads[chain[-1]] for chain in chains]) - heads[wrist]
     along = unit(ends.mean(0))
     thumb = int(np.argmin(ends @ along))
@@ -73,10 +85,7 @@ def _hand(skeleton: SourceSkeleton, wrist: int, chains: list[list[int]]) -> Foun
     _, _, axes = np.linalg.svd(starts - starts.mean(0))
     line = axes[0] * np.sign(axes[0] @ (heads[chains[thumb][1]] - starts.mean(0)))
     index, middle, ring, pinky = (others[k] for k in np.argsort(-(starts @ line)))
-    order = (index, middle, pinky, ring, thumb)
-    fingers = tuple(finger_of_chain(chains[k], heads, wrist, k == thumb) for k in order)
-    joints = [wrist, *(bone for finger in fingers for bone in finger.joints if bone is not None)]
-    return FoundHand(wrist, fingers, side_of(heads[joints]) if len(joints) == 16 else None)
+    return index, middle, pinky, ring, thumb
 
 
 def _chain(skeleton: SourceSkeleton, bone: int) -> list[int]:

@@ -12,14 +12,16 @@ from ..hand.model import MANO_FINGERS
 from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
 from .bone_names import INTERPHALANGEAL, METACARPAL, TIP, BoneName, parse_bone_name
-from .finger_chains import FingerBones, finger_of_chain
+from .finger_chains import FingerBones, finger_of_chain, lacks_wrist
 from .hand_search import FoundHand, find_hands, side_of
 from .source_skeleton import JointMap, SourceSkeleton, joints_without_bones, shows_palm
 
+_MIDDLE = MANO_FINGERS.index("middle")
 _LAYERS = ("def", "", "org")  # Rigify's deform bones first: they follow all controls and constraints
 
 # From the wrist to where a forearm's bone begins, relative to the distance to the middle of all finger joints.
 _SHORTEST_FOREARM, _LONGEST_FOREARM = 0.3, 4.0
+_SHORTER = 0.95  # of a finger's second bone against its first
 _SHORTEST_TIP, _LONGEST_TIP = 0.1, 2.5  # of a finger's last bone, relative to the one before
 
 
@@ -73,19 +75,25 @@ def guess_joints(skeleton: SourceSkeleton, side: Side | None = None, is_determin
         is_determined: the user has chosen the side: bones whose names tell none are of it, if no others are, even if
             the rest pose seems to be the other's.
     """
-    guesses = [guess for wanted in SIDES if (guess := _guess(skeleton, wanted)) and side in (None, wanted)]
+    wanted_sides = SIDES if side is None else (side,)
+    guesses = [
+        guess for wanted in wanted_sides if (guess := _guess(skeleton, wanted, is_determined and side is not None))
+    ]
     if side and is_determined and not guesses and (reported := _by_names(skeleton, side, is_determined=True)):
         guesses = [reported]
     empty = JointGuess(side or "right", (None,) * 16, (None,) * 5)
     return min(guesses, key=lambda guess: len(guess.missing), default=empty)
 
 
-def _guess(skeleton: SourceSkeleton, side: Side) -> JointGuess | None:
+def _guess(skeleton: SourceSkeleton, side: Side, is_determined: bool) -> JointGuess | None:
     """Guess the joints; None if the skeleton has no such hand."""
     by_names = _by_names(skeleton, side)
     if by_names and not by_names.missing:
         return by_names
-    shapes = [hand for hand in find_hands(skeleton) if _side_at(skeleton, hand) in (side, None)]
+    hands = find_hands(skeleton)
+    shapes = [hand for hand in hands if _side_at(skeleton, hand) in (side, None)]
+    if is_determined and not shapes:  # the rest pose seems to be the other side's
+        shapes = [hand for hand in hands if _named_side_at(skeleton, hand) is None]
     by_shape = [_guess_of(skeleton, hand.wrist, hand.fingers, side) for hand in shapes]
     found = [guess for guess in (by_names, *by_shape) if guess and len(guess.missing) < 15 and _agrees(guess)]
     return min(found, key=lambda guess: len(guess.missing), default=by_names)
@@ -134,8 +142,11 @@ def _may_be(skeleton: SourceSkeleton, guess: JointGuess, side: Side) -> bool:
 def _named_hand(skeleton: SourceSkeleton, names: dict[int, BoneName], side: Side) -> JointGuess:
     fingers = _bones_of_fingers(names)
     wrist = _wrist(skeleton, names, [bones for bones in fingers.values() if bones])
+    if wrist is not None and not (wrist in names and names[wrist].is_hand):
+        chains = [_one_chain(skeleton, fingers[finger]) for finger in MANO_FINGERS]
+        wrist = chains[_MIDDLE][0] if lacks_wrist(skeleton.heads, wrist, chains) else wrist
     joints = [
-        _finger(skeleton, {bone: names[bone] for bone in fingers[finger]}, wrist, finger == "thumb")
+        _finger(skeleton, {bone: names[bone] for bone in fingers[finger] if bone != wrist}, wrist, finger == "thumb")
         for finger in MANO_FINGERS
     ]
     return _guess_of(skeleton, wrist, joints, side)
@@ -153,12 +164,15 @@ def _bones_of_fingers(names: dict[int, BoneName]) -> dict[str, list[int]]:
 
 
 def _finger(skeleton: SourceSkeleton, names: dict[int, BoneName], wrist: int | None, is_thumb: bool) -> FingerBones:
-    best: dict[float, int] = {}  # by position: originals before copies, shorter names before longer ones
-    for bone in sorted(names, key=lambda bone: (names[bone].is_copy, len(skeleton.names[bone]))):
+    best: dict[float, int] = {}  # by position: originals before copies, links of the chain, shorter names
+    links = {bone: _links(skeleton, bone, names) for bone in names}
+    for bone in sorted(names, key=lambda bone: (names[bone].is_copy, -links[bone], len(skeleton.names[bone]))):
         position = names[bone].position
         if position is not None:
             best.setdefault(position, bone)
     tip = best.pop(TIP, None)
+    if tip is not None and _is_last_joint(skeleton, best, tip):
+        best[3.0], tip = tip, None
     if not is_thumb:
         best.pop(METACARPAL, None)
     chain = [best[position] for position in sorted(best)]
@@ -170,6 +184,21 @@ def _finger(skeleton: SourceSkeleton, names: dict[int, BoneName], wrist: int | N
         return FingerBones(_at_positions(best), tip)
     found = finger_of_chain(chain, skeleton.heads, wrist, is_thumb)
     return found if tip is None else found._replace(tip=tip)
+
+
+def _links(skeleton: SourceSkeleton, bone: int, names: dict[int, BoneName]) -> int:
+    """Count the finger's positions in whose bones a bone is linked as ancestor or descendant: controls have none."""
+    above = set(skeleton.ancestors(bone))
+    linked = [other for other in names if other in above or bone in skeleton.ancestors(other)]
+    return len({names[other].position for other in linked})
+
+
+def _is_last_joint(skeleton: SourceSkeleton, best: dict[float, int], tip: int) -> bool:
+    """Tell whether the bone named a tip is the finger's third, as in Root, Middle, Tip: it begins at the last joint."""
+    if set(best) != {1.0, 2.0}:
+        return False
+    first, second, last = (skeleton.heads[bone] for bone in (best[1.0], best[2.0], tip))
+    return bool(np.linalg.norm(last - second) < _SHORTER * np.linalg.norm(second - first))
 
 
 def _one_chain(skeleton: SourceSkeleton, bones: list[int]) -> list[int]:
@@ -210,11 +239,15 @@ def _wrist(skeleton: SourceSkeleton, names: dict[int, BoneName], fingers: list[l
 
 def _side_at(skeleton: SourceSkeleton, hand: FoundHand) -> Side | None:
     """Read the side in the names of the hand's bone and those above, else in its shape."""
+    return _named_side_at(skeleton, hand) or hand.side
+
+
+def _named_side_at(skeleton: SourceSkeleton, hand: FoundHand) -> Side | None:
     for bone in (hand.wrist, *skeleton.ancestors(hand.wrist)):
         name = parse_bone_name(skeleton.names[bone])
         if name and name.side:
             return name.side
-    return hand.side
+    return None
 
 
 def _guess_of(skeleton: SourceSkeleton, wrist: int | None, fingers: Sequence[FingerBones], side: Side) -> JointGuess:

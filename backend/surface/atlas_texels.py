@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from scipy import ndimage, sparse
 from torch import Tensor
 
 from ..geometry.rasterise import rasterise
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,8 @@ class AtlasTexels:
     @cached_property
     def laplacian(self) -> sparse.csr_matrix:
         """[N, N] of the surface's edges: degree on the diagonal, -1 between neighbours."""
+        from scipy import sparse  # which rendering does without
+
         ends = np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]])
         one_way = sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(self._count, self._count))
         neighbours = ((one_way + one_way.T) > 0).astype(np.float64)
@@ -86,10 +91,40 @@ class AtlasTexels:
 
     @cached_property
     def _nearest(self) -> np.ndarray:
-        is_beyond = np.ones(self.resolution**2, bool)
-        is_beyond[self.pixel] = False
-        is_beyond = is_beyond.reshape(self.resolution, self.resolution)
-        return np.asarray(ndimage.distance_transform_edt(is_beyond, return_distances=False, return_indices=True))
+        is_inside = np.zeros(self.resolution**2, bool)
+        is_inside[self.pixel] = True
+        return nearest_inside(is_inside.reshape(self.resolution, self.resolution))
+
+
+def nearest_inside(is_inside: np.ndarray) -> np.ndarray:
+    """Return row and column [2, A, A] of the texel inside that is nearest to each, by jump flooding.
+
+    In ever shorter jumps each texel takes over what a texel there knows, if that is nearer; the last jumps are taken
+    twice, after which hardly a texel has its second nearest.
+    """
+    size = len(is_inside)
+    row, column = np.mgrid[:size, :size].astype(np.int32)
+    far = 2 * size  # farther than any texel is from another
+    nearest = np.stack([np.where(is_inside, row, -far), np.where(is_inside, column, -far)])
+    step = 1 << max(size - 1, 1).bit_length() - 1
+    jumps = [step >> level for level in range(step.bit_length())]
+    for jump in (*jumps, 2, 1):
+        for down, right in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
+            here, there = _shifted(down * jump, right * jump)
+            mine, theirs = nearest[:, *here], nearest[:, *there]
+            at = np.stack([row[here], column[here]])
+            is_nearer = ((theirs - at) ** 2).sum(0) < ((mine - at) ** 2).sum(0)
+            nearest[:, *here] = np.where(is_nearer, theirs, mine)
+    return nearest
+
+
+def _shifted(down: int, right: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return the part of an image whose texels have one so far below and to the right, and the part of those."""
+    here, there = [], []
+    for offset in (down, right):
+        here.append(slice(max(-offset, 0), -offset if offset > 0 else None))
+        there.append(slice(max(offset, 0), offset if offset < 0 else None))
+    return (here[0], here[1]), (there[0], there[1])
 
 
 def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:

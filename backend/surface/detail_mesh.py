@@ -175,7 +175,7 @@ class LevelsOfDetail(NamedTuple):
     def visible_in(self, hand: HandInView) -> DetailTemplate:
         """Choose the coarser template if none of its edges is longer in the image than a few pixels."""
         mesh, topology, camera = hand[:3]
-        nearest_m = (mesh.vertices @ camera.world2cam[2, :3] + camera.world2cam[2, 3]).min()
+        nearest_m = camera.divisor(mesh.vertices @ camera.world2cam[2, :3] + camera.world2cam[2, 3]).min()
         edge_m = mesh.scale * topology.edge_length_m / 2
         return self.coarser if edge_m * camera.focal_px < MOST_EDGE_PX * nearest_m else self.finest
 
@@ -309,7 +309,8 @@ def first_fronts(
 ) -> NearestFronts:
     """Find the first front faces at a point in each pixel, by default its centre."""
     moved = positions_px + 0.5 - positions_px.new_tensor(place)
-    return nearest_fronts(rasterise(moved, depth, mesh.faces, camera.size_px), camera.size_px)
+    fragments = rasterise(moved, depth, mesh.faces, camera.size_px, camera.is_orthographic)
+    return nearest_fronts(fragments, camera.size_px)
 
 
 def spread(coverage: Float[Tensor, " P"], size_px: tuple[int, int]) -> Float[Tensor, " P"]:
@@ -341,7 +342,7 @@ def barycentric(
     centre = torch.stack([pixel % width, torch.div(pixel, width, rounding_mode="floor")], -1).double() + 0.5
     a, b, c = corners.unbind(1)
     of_corners = torch.stack([_cross(c - b, centre - b), _cross(a - c, centre - c), _cross(b - a, centre - a)], -1)
-    weights = of_corners / depth
+    weights = of_corners / camera.divisor(depth)
     return (weights / weights.sum(-1, keepdim=True)).to(mesh.vertices.dtype)
 
 

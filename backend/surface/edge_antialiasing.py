@@ -122,8 +122,16 @@ def _between(depth: Float[Tensor, " P"], camera: CameraTensors, scale: Tensor) -
     image = depth.reshape(1, 1, height, width)
     low = -max_pool2d(-image, 3, 1, 1).flatten()
     high = max_pool2d(torch.where(image.isfinite(), image, -torch.inf), 3, 1, 1).flatten()
-    is_step = high - low > STEP_M * scale + STEP_PX * low / camera.focal_px
-    return torch.where(is_step, 0.5 * (low + high), 0.0)
+    step_m, step_per_m = part_steps(camera, scale)
+    return torch.where(high - low > step_m + step_per_m * low, 0.5 * (low + high), 0.0)
+
+
+def part_steps(camera: CameraTensors, scale: Tensor) -> tuple[Tensor, Tensor]:
+    """Return by how much depths of two parts differ at least, m, and by how much more for each metre of depth."""
+    of_pixels = STEP_PX / camera.focal_px
+    if camera.is_orthographic:
+        return STEP_M * scale + of_pixels, torch.zeros_like(of_pixels)
+    return STEP_M * scale, of_pixels
 
 
 def _first_part(bone: Int[Tensor, " P"], apart: Bool[Tensor, "B B"], camera: CameraTensors) -> Int[Tensor, " P"]:

@@ -142,11 +142,18 @@ def visible_hairs(
         area=area[seen],
         tangent=normalize(points.diff(dim=1), dim=-1).flatten(0, 1),
         normal=hairs.normal[shown].repeat_interleave(SEGMENTS, 0),
-        view=normalize(middle - ray_origin(camera), dim=-1),
+        view=_view_of(camera, middle),
         ray=ray.repeat_interleave(SEGMENTS),
         albedo=hairs.albedo,
         depth=torch.where(depth.isfinite(), depth, nearest.reshape(depth.shape)),
     )
+
+
+def _view_of(camera: CameraTensors, points: Float[Tensor, "G 3"]) -> Float[Tensor, "G 3"]:
+    """Compute the unit directions in which the camera sees points of the world."""
+    if camera.is_orthographic:
+        return camera.world2cam[2, :3].expand_as(points)
+    return normalize(points - ray_origin(camera), dim=-1)
 
 
 def with_hairs(
@@ -232,7 +239,7 @@ def _drawn(points: Float[Tensor, "N S 3"], radius_m: Float[Tensor, " N"], camera
     share = (torch.arange(count, device=points.device) + 0.5) / count
     along = (torch.arange(ends - 1, device=points.device)[:, None] + share) / (ends - 1)
     depth_at = depth[:, :-1, None] + share * depth.diff(dim=1)[..., None]
-    width_px = 2 * radius_m[:, None, None] * (1 - along) * camera.focal_px / depth_at
+    width_px = 2 * radius_m[:, None, None] * (1 - along) * camera.focal_px / camera.divisor(depth_at)
     piece = torch.arange(hairs * (ends - 1), device=points.device).repeat_interleave(count)
     place_at = place_px[:, :-1, None] + share[:, None] * way_px[:, :, None]
     return _DrawnPoints(piece, place_at.flatten(0, 2), (width_px * length_px / count).flatten(), depth_at.flatten())

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from ..field.rays import CameraTensors, project, ray_origin
+from ..field.rays import CameraTensors, project
 from .detail_mesh import DetailMesh, barycentric, blend_corners, first_fronts
 
 _SAME_PART = 0.5  # of the depth by which two surfaces differ; held-out views like 1 and 0.25 less
@@ -38,17 +38,17 @@ class RayHits(NamedTuple):
         return self.depth.isfinite() & ((self.depth - depth).abs() > _SAME_PART * edge_m)
 
     def positions(
-        self, camera: CameraTensors, directions: Float[Tensor, "R 3"], beside: Float[Tensor, "R 3"]
+        self, origins: Float[Tensor, "R 3"], directions: Float[Tensor, "R 3"], beside: Float[Tensor, "R 3"]
     ) -> Float[Tensor, "R 3"]:
         """Compute where the rays meet the surface, m, world.
 
         Args:
-            camera: of the rays.
+            origins: of the rays, of depth 0, m.
             directions: of depth 1.
             beside: taken for rays that miss it.
         """
         meets = self.depth.isfinite()[:, None]
-        return torch.where(meets, ray_origin(camera) + self.depth[:, None] * directions, beside)
+        return torch.where(meets, origins + self.depth[:, None] * directions, beside)
 
 
 def ray_hits(mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:

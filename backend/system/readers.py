@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from io import BufferedIOBase
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -75,18 +75,46 @@ _MOST_ARRAYS = 4096
 _LONGEST_HEADER_BYTES = 1 << 16
 
 
+class Npz(NamedTuple):
+    """A `.npz`: arrays by name, and the pickles of those members that hold Python objects, unread."""
+
+    arrays: dict[str, np.ndarray]
+    packed: dict[str, bytes]
+
+
 def read_npz(path: Path, most_bytes: int = MOST_NPZ_BYTES) -> dict[str, np.ndarray]:
     """Read the arrays of a `.npz` by name.
 
     Raises:
         LiveHandError: the file is missing, damaged, too large, encrypted, or holds Python objects.
     """
-    raw = read_regular(path, most_bytes)
+    arrays, packed = read_npz_parts(path, most_bytes)
+    if packed:
+        raise LiveHandError(
+            f"{path}: {next(iter(packed))} is an array of Python objects, which could run code; save plain arrays of "
+            "numbers instead"
+        )
+    return arrays
+
+
+def read_npz_parts(path: Path, most_bytes: int = MOST_NPZ_BYTES) -> Npz:
+    """Read the arrays of a `.npz` by name, and leave members of Python objects unread.
+
+    Raises:
+        LiveHandError: the file is missing, damaged, too large or encrypted.
+    """
+    raw, found = read_regular(path, most_bytes), Npz({}, {})
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             members = archive.infolist()
             _check_members(members, most_bytes)
-            return {member.filename.removesuffix(".npy"): _read_member(archive, member) for member in members}
+            for member in members:
+                value, name = _read_member(archive, member), member.filename.removesuffix(".npy")
+                if isinstance(value, bytes):
+                    found.packed[name] = value
+                else:
+                    found.arrays[name] = value
+            return found
     except LiveHandError as error:
         raise LiveHandError(f"{path}: {error}") from error
     except Exception as error:  # a damaged archive can raise nearly anything
@@ -131,15 +159,14 @@ def _check_members(members: list[zipfile.ZipInfo], most_bytes: int) -> None:
         raise LiveHandError("a .npz must not be encrypted; save the arrays with numpy.savez")
 
 
-def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray | bytes:
+    """Read a member's array; of one of Python objects, its pickle."""
     with archive.open(member) as file:
         raw = io.BytesIO(file.read())
     shape, dtype = read_npy_header(raw)
     name = member.filename.removesuffix(".npy")
     if dtype.hasobject:
-        raise LiveHandError(
-            f"{name} is an array of Python objects, which could run code; save plain arrays of numbers instead"
-        )
+        return raw.read()
     claimed, there = prod(shape) * dtype.itemsize, member.file_size - raw.tell()
     if claimed != there:
         raise LiveHandError(f"{name} must be whole, got {there} bytes of {claimed} for shape {list(shape)}")

@@ -80,6 +80,7 @@ def _srgb_table() -> np.ndarray:
 INSTALL_VIDEO = 'pip install "livehand[video]"'
 _CONTAINERS = "mov,mp4,m4a,3gp,matroska,webm,avi,mpegts,mpeg,asf,ogg,flv,mxf,gif"
 _DEFAULT_FPS, _FPS_RANGE = 30.0, (0.1, 1000.0)
+_MOST_FPS = 250.0  # of cameras that film hands
 _LEAST_SHARE, _MOST_NOMINAL_FPS = 0.1, 240.0  # a mean rate below that share of the nominal one is no rate
 _DOUBTFUL_COUNT = 100_000  # an estimate of so many frames may come from a jump of the clock, so they are counted
 _MOST_SIDE_PX = 8192
@@ -176,6 +177,11 @@ def open_video(path: Path) -> Video:
     with _opened(path) as container:
         stream = container.streams.video[0]
         fps = _rate(stream)
+        if (mean := float(stream.average_rate or 0)) > _MOST_FPS:
+            warn(
+                f"{path}: its time stamps give {mean:.4g} frames a second and are probably broken: speeds and blur "
+                "will be wrong; write it anew with its true rate (ffmpeg -r 30 -i ...)"
+            )
         seconds = float(stream.duration * stream.time_base) if stream.duration and stream.time_base else 0.0
         if not seconds and container.duration:
             seconds = container.duration / 1e6

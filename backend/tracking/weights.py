@@ -45,6 +45,7 @@ PACKAGE = Package(
     licence="The networks in this folder are MediaPipe's, under the Apache License, version 2.0.",
     licence_member="mediapipe-0.10.21.dist-info/LICENSE",
     fetch_command=FETCH_COMMAND,
+    megabytes=36,
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from .config import LossConfig, ReportConfig, TrainConfig
 if TYPE_CHECKING:
     import torch
 
+    from ..avatars.avatar import Avatar
     from ..capture.capture import Capture
     from ..hand.model import HandModel
     from .parts import Correction
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 PRESET_NAMES = ("default", "relightable", "poseless", "paper")
 """The names in `avatars.avatar.PRESETS`, which needs torch."""
 _SURFACE_DEVIATION_M = 0.001  # with --refine-surface
+_HELD_OUT_VIEWS = 12  # by which a person's training is measured
 _FEW_STEPS = 1000  # below which a budget of time was too small
 
 
@@ -53,6 +56,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="HAND",
         help="hand model of --from, if it is another version of the capture's: what it learnt is carried over",
+    )
+    add(
+        "--person",
+        type=avatar_path,
+        metavar="AVATAR",
+        help="start from the person made from this capture, in the light that it finds there; light and skin stay",
     )
     add("--half-size", action="store_true", help="train on images of half their size, as a start for --from")
     add_options(parser, TrainConfig, "ema_decay")
@@ -108,13 +117,20 @@ def _train(args: argparse.Namespace, device: torch.device, processes: Processes)
     config = from_options(TrainConfig, args, loss=from_options(LossConfig, args))
     compute = ComputeSetup(device, args.precision, processes)
     setup = _setup(args, output, device)
+    before = _held_out_db(setup, setup.base.avatar, device) if args.person and setup.base else None
     result = train(setup, config, output, compute, from_options(ReportConfig, args), args.resume)
     if processes.is_first and config.minutes is not None and result.progress.step < _FEW_STEPS:
         warn(
             f"{output}: {config.minutes:g} minutes brought only {result.progress.step} steps, below {_FEW_STEPS:,} an "
             "avatar is blurred or worse; give more --minutes, or --half-size and --from an avatar that ships"
         )
-    return _summary(output, result) if processes.is_first else {}
+    if not processes.is_first:
+        return {}
+    summary = _summary(output, result)
+    if before is None:
+        return summary
+    after = _held_out_db(setup, result.avatar, device)
+    return {**summary, "held_out_before_db": round(before, 2), "brought_db": round(after - before, 2)}
 
 
 def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> TrainingSetup:
@@ -127,8 +143,11 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
     from .losses import load_perceptual_distance
     from .setup import TrainingSetup, load_base_avatar
 
-    capture = load_capture(args.capture)
     hand = load_hand_model(args.hand or DEFAULT_HAND)
+    if args.person:
+        args.base, hand = _person_base(args, hand, output), load_hand_model(DEFAULT_HAND)
+        args.capture = output.with_suffix(".lit")
+    capture = load_capture(args.capture)
     check_capture(capture, hand)
     if is_current_skin(capture.provenance) is False:
         warn(f"{args.capture} shows the built-in skin of another version, whose detail differs; capture it anew")
@@ -148,6 +167,28 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
             "leave it out, or train with --config default"
         )
     return TrainingSetup(capture, hand, PRESETS[config], perceptual, corrections, base)
+
+
+def _person_base(args: argparse.Namespace, hand: HandModel, output: Path) -> Path:
+    """Write the capture in its person's light beside the output; returns the avatar to start from."""
+    from ..avatars.file import load_avatar
+    from ..hand.model_file import load_default_hand
+    from ..person.lit_capture import write_lit_capture
+
+    if args.base or args.from_hand:
+        raise LiveHandError("--person is the avatar to start from; leave out --from and --from-hand")
+    model = load_default_hand()
+    other = None if hand.sha256 == model.sha256 else hand
+    write_lit_capture(args.capture, load_avatar(args.person), model, other, output.with_suffix(".lit"), warn)
+    return args.person
+
+
+def _held_out_db(setup: TrainingSetup, avatar: Avatar, device: torch.device) -> float:
+    """Measure the PSNR on the hand in held-out views."""
+    from .preview import HeldOutPreview
+
+    shown = HeldOutPreview(setup.capture, setup.hand, device, _HELD_OUT_VIEWS).render(avatar)
+    return nan if shown is None else shown.metrics["psnr_hand"]
 
 
 def _corrections(

@@ -61,9 +61,13 @@ class Block:
                 self.link(nodes[role].outputs[output], socket)
 
     def feed_output(self, result: bpy.types.NodeSocket, replace: bool) -> bool:
-        """Feed the compositor's output if it is free or is to be replaced; returns whether the block feeds it."""
+        """Feed the compositor's output if it is free, shows a plain render, or is to be replaced.
+
+        Returns:
+            Whether the block feeds it.
+        """
         socket = output_input(self.tree)
-        if replace or not socket.is_linked:
+        if replace or not socket.is_linked or _is_plain_render(socket):
             self.link(result, socket)
         return socket.links[0].from_node.parent == self.frame
 
@@ -72,6 +76,18 @@ class Block:
         node.parent = self.frame
         node.location = (_COLUMN_PX * at[0], -_ROW_PX * at[1])
         return node
+
+
+def _is_plain_render(socket: bpy.types.NodeSocket) -> bool:
+    """Return whether a socket has what *Use Nodes* begins with: a Render Layers node, which is no block's."""
+    while socket.is_linked:
+        link = socket.links[0]
+        if link.from_node.bl_idname == "CompositorNodeRLayers":
+            return link.from_socket.name == "Image" and _ROLE not in link.from_node
+        if link.from_node.bl_idname != "NodeReroute":
+            return False
+        socket = link.from_node.inputs[0]
+    return False
 
 
 def _members(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> Iterator[bpy.types.Node]:

@@ -45,12 +45,14 @@ class VisibleHand:
         mesh: the original object.
         instance_id: of the mesh.
         matrix: [4, 4] of the mesh, to the world.
+        is_holdout: whether it leaves a hole in the picture.
     """
 
     armature: bpy.types.Object
     mesh: bpy.types.Object
     instance_id: InstanceId
     matrix: np.ndarray
+    is_holdout: bool = False
 
     @property
     def name(self) -> str:
@@ -65,7 +67,7 @@ class VisibleHand:
 
 
 def visible_hands(depsgraph: bpy.types.Depsgraph) -> tuple[VisibleHand, ...]:
-    """Find all hands whose mesh is visible in the depsgraph, sorted by name; the armature itself may be hidden.
+    """Find all hands whose mesh the camera may see in the depsgraph, sorted by name; the armature itself may be hidden.
 
     This iterates all instances of the frame, in Python: read the hands once a frame, and hand them on.
 
@@ -104,10 +106,35 @@ def _hand_instances(depsgraph: bpy.types.Depsgraph) -> Iterator[VisibleHand]:
     armatures: dict[int, bpy.types.Object | None] = {}
     for instance in depsgraph.object_instances:
         mesh = instance.object.original
-        if mesh.type == "MESH" and instance.show_self:
+        if mesh.type == "MESH" and meets_camera_rays(instance, depsgraph.view_layer):
             key = mesh.as_pointer()
             if key not in armatures:
                 armatures[key] = hand_of_mesh(mesh)
             armature = armatures[key]
             if armature is not None:
-                yield VisibleHand(armature, mesh, InstanceId.of(instance), np.array(instance.matrix_world))
+                is_held = is_holdout(instance, depsgraph.view_layer)
+                yield VisibleHand(armature, mesh, InstanceId.of(instance), np.array(instance.matrix_world), is_held)
+
+
+def meets_camera_rays(instance: bpy.types.DepsgraphObjectInstance, layer: bpy.types.ViewLayer) -> bool:
+    """Return whether camera rays meet an instance: it is shown, and neither its rays nor its collection forbid it.
+
+    The original objects are asked, because evaluated ones may be hidden from the camera for a render.
+    """
+    if not instance.show_self:
+        return False
+    thing, maker = instance.object.original, _maker_of(instance)
+    if not (thing.visible_camera and maker.visible_camera):
+        return False
+    return is_holdout(instance, layer) or not maker.indirect_only_get(view_layer=layer)
+
+
+def is_holdout(instance: bpy.types.DepsgraphObjectInstance, layer: bpy.types.ViewLayer) -> bool:
+    """Return whether an instance leaves a hole in the picture, by its own setting or by its collection's."""
+    maker = _maker_of(instance)
+    return instance.object.original.is_holdout or maker.is_holdout or maker.holdout_get(view_layer=layer)
+
+
+def _maker_of(instance: bpy.types.DepsgraphObjectInstance) -> bpy.types.Object:
+    """Return the object of the view layer that the instance is, or by which it is made."""
+    return instance.parent.original if instance.is_instance else instance.object.original

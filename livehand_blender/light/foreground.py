@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ...backend.records.camera import Camera
-from ..hands.visible_hands import InstanceId
+from ..hands.visible_hands import InstanceId, meets_camera_rays
 from .solids import MESH_LIKE, LocalTriangles, Solid, placed
 
 _NEAREST_M = 1e-3
@@ -57,8 +57,7 @@ class Foreground:
             thing = instance.object
             if (
                 thing.type in MESH_LIKE
-                and instance.show_self
-                and thing.visible_camera
+                and meets_camera_rays(instance, depsgraph.view_layer)
                 and InstanceId.of(instance) not in own
             ):
                 numbers.append(number)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import bpy
 import numpy as np
 
-from ..hands.visible_hands import InstanceId
+from ..hands.followed_skin import FollowedHand, followed_hands
+from ..hands.visible_hands import InstanceId, visible_hands
 from .reach import Reach, bounding_balls
 from .solids import MESH_LIKE, LocalTriangles, Solid
 
@@ -21,13 +23,27 @@ _MAX_TRIANGLES = 50_000
 def read_solids(
     depsgraph: bpy.types.Depsgraph, reaches: Mapping[InstanceId, Reach], local: LocalTriangles
 ) -> tuple[Solid, ...]:
-    """Read the objects within any hand's reach that cast shadows, instances and other hands included."""
+    """Read the objects within any hand's reach that cast shadows, instances and other hands included.
+
+    Without the skin of rigs that hands follow: it lies where they do.
+    """
     near = _near_instances(depsgraph, reaches)
-    return tuple(
+    solids = tuple(
         local.solid(InstanceId.of(instance), instance.object, near[number])
         for number, instance in enumerate(depsgraph.object_instances)
         if number in near
     )
+    followed = followed_hands(depsgraph)
+    own = {visible.instance_id for visible in visible_hands(depsgraph)} if followed else set()
+    return tuple(solid if solid.instance_id in own else _without_skin(solid, followed) for solid in solids)
+
+
+def _without_skin(solid: Solid, followed: Sequence[FollowedHand]) -> Solid:
+    """Leave out the triangles of a solid that are the skin of followed hands."""
+    is_skin = np.zeros(len(solid.triangles), bool)
+    for hand in followed:
+        is_skin |= hand.skin_of(solid.triangles)
+    return replace(solid, local=solid.local[~is_skin], albedo=solid.albedo[~is_skin]) if is_skin.any() else solid
 
 
 def _near_instances(depsgraph: bpy.types.Depsgraph, reaches: Mapping[InstanceId, Reach]) -> dict[int, np.ndarray]:

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..hands.shot import world_vertices
+from ..hands.framing import framed_vertices
 from ..rig.hand import RiggedHand, find_hands
 from .world import is_dim, world_of
 
@@ -78,10 +78,10 @@ def remove_studio(scene: bpy.types.Scene) -> None:
         bpy.data.collections.remove(collection)
 
 
-def needs_lamps(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
-    """Return whether the layer renders no lamp, and the scene's world is dim."""
+def needs_light(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
+    """Return whether hands take the scene's light, the layer renders no lamp, and the scene's world is dim."""
     has_lamp = any(thing.type == "LIGHT" and not thing.hide_render for thing in layer.objects)
-    return not has_lamp and is_dim(world_of(scene, layer))
+    return scene.livehand.light == "SCENE" and not has_lamp and is_dim(world_of(scene, layer))
 
 
 def has_studio(scene: bpy.types.Scene) -> bool:
@@ -99,15 +99,9 @@ def _subject(context: bpy.types.Context, hand: bpy.types.Object | None) -> tuple
     if not hands:
         return context.scene.cursor.location.copy(), _HAND_M
     depsgraph = context.evaluated_depsgraph_get()
-    vertices = np.concatenate([_framed_vertices(RiggedHand.of(one), depsgraph) for one in hands])
+    vertices = np.concatenate([framed_vertices(RiggedHand.of(one), depsgraph) for one in hands])
     middle = (vertices.min(0) + vertices.max(0)) / 2
     return Vector(middle.tolist()), float(np.linalg.norm(vertices - middle, axis=1).max())
-
-
-def _framed_vertices(hand: RiggedHand, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """Read [N, 3] in the world, m: the evaluated mesh without the arm, if modifiers keep its vertices."""
-    vertices, framed = world_vertices(hand.mesh.evaluated_get(depsgraph)), hand.model.framed_vertices
-    return vertices[framed] if len(vertices) == len(framed) else vertices
 
 
 def _view_frame(scene: bpy.types.Scene, middle: Vector) -> Matrix:

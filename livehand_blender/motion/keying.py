@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from math import ceil
 
 import bpy
 import numpy as np
@@ -20,6 +21,7 @@ from ..rig.sliders import read_beta, write_slider
 from .frames import current_frame_restored, frame_rate
 
 _BETA_LIMIT = 10.0  # of the sliders
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,8 @@ class Placement:
 
     Attributes:
         space: of the motion; unless it is `hand`, the motion is converted to Blender's world, wherever the armature is.
-        start_frame: of the first key.
+        start_frame: of the first frame of the motion's file.
+        first: how many frames of the file are before the motion's first, as `FileInfo` has it.
         matches_fps: resample the motion to the scene's frame rate; False: key one frame of the motion per frame.
         mirrors: mirror a motion of the other side; False: raise an error.
         keys_wrist: key the rotations of wrist and forearm.
@@ -40,6 +43,7 @@ class Placement:
 
     space: Space
     start_frame: int = 1
+    first: int = 0
     matches_fps: bool = True
     mirrors: bool = False
     keys_wrist: bool = True
@@ -69,10 +73,13 @@ def key_motion(
             Nothing is changed then.
     """
     motion = motion_for_hand(motion, hand, placement.mirrors)
-    speed = 1.0
+    speed, start_frame = 1.0, placement.start_frame + placement.first
     if placement.matches_fps and motion.fps is not None:
         speed = motion.fps / frame_rate(scene)
-        motion = resampled(motion, frame_rate(scene))
+        delay = placement.first / speed
+        late = ceil(delay - _ROUNDING)  # the scene's first frame within the motion
+        start_frame = placement.start_frame + late
+        motion = resampled(motion, frame_rate(scene), max(0.0, (late - delay) * speed))
     beta = np.clip(motion.betas.mean(0), -_BETA_LIMIT, _BETA_LIMIT)
     motion = _with_shape(motion, beta if placement.sets_shape else read_beta(hand.armature), hand.model)
     if placement.space != "hand":
@@ -80,7 +87,7 @@ def key_motion(
     steps = np.arange(len(motion))
     if is_keyed is not None:
         steps = steps[is_keyed[np.minimum((steps * speed).round().astype(int), len(is_keyed) - 1)]]
-    frames = placement.start_frame + steps
+    frames = start_frame + steps
     joints = range(0 if placement.keys_wrist else 1, 16)
     keyframe_theta(hand, motion.theta[steps], frames, joints, motion.forearms[steps])
     if placement.keys_place:

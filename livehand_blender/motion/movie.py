@@ -1,21 +1,20 @@
-"""Frames of a movie by Blender's own decoder: its sequencer renders them as images into a temporary folder.
+"""Frames of a movie by Blender's own decoder: its sequencer renders them as images into a folder.
 
 Blender turns phones' videos upright, and shows them at an even rate.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
-import numpy as np
 
 from ...backend.records.errors import LiveHandError
 from ...backend.system.files import check_regular
+from ..scene.removal import remove_scene
 
-_AT_ONCE = 100  # frames on disk
+_AT_ONCE = 10  # frames, during which Blender's window stands still
 _QUALITY = 95
 _MOST_FRAMES = 300_000
 
@@ -57,23 +56,18 @@ class Movie:
     def close(self) -> None:
         """Remove the scene."""
         if self._scene is not None:
-            bpy.data.scenes.remove(self._scene)
+            remove_scene(self._scene)
             self._scene = None
 
-    def frames(self) -> Iterator[np.ndarray]:
-        """Yield the frames in order, uint8 [H, W, 3] sRGB."""
-        from PIL import Image
-
+    def write_frames(self, folder: Path) -> Iterator[int]:
+        """Write the frames as pictures whose names are in order, a few at each step; yields how many are there."""
         scene = self._scene
         assert scene is not None
+        scene.render.filepath = str(folder / "f######")
         for first in range(1, self.count + 1, _AT_ONCE):
-            with tempfile.TemporaryDirectory(prefix="livehand_") as folder:
-                scene.frame_start, scene.frame_end = first, min(first + _AT_ONCE - 1, self.count)
-                scene.render.filepath = str(Path(folder) / "f")
-                bpy.ops.render.render(animation=True, scene=scene.name)
-                for file in sorted(Path(folder).iterdir()):
-                    with Image.open(file) as image:
-                        yield np.asarray(image.convert("RGB"))
+            scene.frame_start, scene.frame_end = first, min(first + _AT_ONCE - 1, self.count)
+            bpy.ops.render.render(animation=True, scene=scene.name)
+            yield scene.frame_end
 
     def _set_up(self, scene: bpy.types.Scene) -> None:
         render = scene.render

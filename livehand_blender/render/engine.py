@@ -38,11 +38,14 @@ from .panels import LIVEHAND_PT_hand_light, LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
 from .passes import ScenePasses, cryptomatte_passes, wanted_passes
+from .preparation import Preparation
 from .render_result import read_scene, write_picture
 from .viewport import viewport_of
 from .viewport_shared import ViewportShared
 
 LOGGER = logging.getLogger(__name__)
+
+_SOON_S, _SHOWN_S = 2.0, 0.5
 
 Result = TypeVar("Result")
 ResultOfHands = Callable[[], tuple[ExposureFrames, ...] | None]
@@ -66,13 +69,15 @@ class LiveHandRender(CyclesEngine):
         cls.hands_session = Session(load_renderer_in_blender)
         # Not declared above: Blender evaluates a class's annotations, `typing` caches them for ever, and Blender as a
         # module hangs at exit if a class of a module that imports bpy is still referenced.
-        cls.viewport_shared = ViewportShared(cls.hands_session)
+        cls.preparation = Preparation()
+        cls.viewport_shared = ViewportShared(cls.hands_session, cls.preparation)
         cls.background = BackgroundWork()
         cls.measurement = None
 
     @classmethod
     def unregister(cls):
         """Free the avatars' memory, when Blender unregisters the class."""
+        cls.preparation.stop()
         cls.background.close()
         cls.viewport_shared.close()
         if cls.hands_session:
@@ -263,7 +268,7 @@ class LiveHandRender(CyclesEngine):
     ) -> tuple[Picture, Mapping[str, np.ndarray]]:
         """Compose the picture, and its light groups' passes."""
         around = scene_layer(scene) if frame.is_in_scene else None
-        surface = surface_of(view.task, view.motion) if frame.needs_surface else None
+        surface = surface_of(frame.hands, view.task, view.motion) if frame.needs_surface else None
         convert = self._converter(frame)
         picture = compose_picture(frame.hands, frames.samples, frame.size_px, convert, around, surface)
         return picture, group_passes(frames, frame.hands, frame.size_px, convert, scene)
@@ -271,6 +276,27 @@ class LiveHandRender(CyclesEngine):
     @staticmethod
     def _converter(frame: FrameSetup) -> Callable[[Frame], Frame]:
         return partial(in_scene_colours, scene=frame.scene)
+
+
+def prepare_soon() -> None:
+    """Compile the kernels in the background if they are not, once Blender's window is there."""
+    if not bpy.app.background and not bpy.app.timers.is_registered(_prepare):
+        bpy.app.timers.register(_prepare, first_interval=_SOON_S)
+
+
+def stop_preparing() -> None:
+    """Undo `prepare_soon`."""
+    if bpy.app.timers.is_registered(_prepare):
+        bpy.app.timers.unregister(_prepare)
+
+
+def _prepare() -> float | None:
+    """Start, and show in 3D views how far it is, until it is done."""
+    LiveHandRender.preparation.start()
+    for manager in bpy.data.window_managers:
+        for area in (area for window in manager.windows for area in window.screen.areas if area.type == "VIEW_3D"):
+            area.tag_redraw()
+    return _SHOWN_S if LiveHandRender.preparation.progress else None
 
 
 CLASSES = (LiveHandRender, LIVEHAND_PT_hand_light, LIVEHAND_PT_passes)

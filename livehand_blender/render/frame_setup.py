@@ -120,7 +120,13 @@ class VisibleHands:
                 "a render needs a LiveHand hand, the scene has none; add one (Add > Armature > LiveHand Hand)"
             )
         return tuple(
-            HandInstance(hand.name, hand.mesh.name, renderer, read_grade(hand.armature.evaluated_get(depsgraph)))
+            HandInstance(
+                hand.name,
+                hand.mesh.name,
+                renderer,
+                read_grade(hand.armature.evaluated_get(depsgraph)),
+                hand.is_holdout,
+            )
             for hand, renderer in zip(self.visible, self.load(session), strict=True)
         )
 

@@ -1,4 +1,4 @@
-"""Keep Look: colours that the scene's view transform displays as Standard would display the hand's.
+"""Ignore View Transform: colours that the scene's view transform displays as Standard would display the hand's.
 
 AgX and Filmic are made for unbounded light, but an avatar's colours were learnt from images and are display colours
 already. So the view transform and its look are inverted, once per view, against Blender's own colour management.
@@ -88,9 +88,9 @@ def _inverse(view: ViewTransform) -> ViewInverse:
     error_levels = inverse.error * 255
     if error_levels > _MAX_ERROR_LEVELS:
         raise LiveHandError(
-            f"Keep Look needs a view transform that can be inverted, '{view.transform}' is {error_levels:.0f} levels "
-            "off for half of all colours; choose Standard, AgX or Filmic (Render properties, Color Management), or "
-            "turn Keep Look off"
+            f"Ignore View Transform needs a view transform that can be inverted, '{view.transform}' is "
+            f"{error_levels:.0f} levels off for half of all colors; choose Standard, AgX or Filmic (Render properties, "
+            "Color Management), or turn Ignore View Transform off"
         )
     return inverse
 
@@ -125,8 +125,8 @@ def _scene_with(view: ViewTransform, data: bpy.types.BlendData) -> bpy.types.Sce
         scene.view_settings.view_transform, scene.view_settings.look = view.transform, view.look
     except TypeError as error:
         raise LiveHandError(
-            f"Keep Look needs the view transform '{view.transform}' of display '{view.display}', which Blender's "
-            "colour management does not have; turn Keep Look off"
+            f"Ignore View Transform needs the view transform '{view.transform}' of display '{view.display}', which "
+            "Blender's color management does not have; turn Ignore View Transform off"
         ) from error
     scene.view_settings.exposure, scene.view_settings.gamma = 0, 1
     scene.render.dither_intensity = 0

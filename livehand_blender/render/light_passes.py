@@ -31,6 +31,7 @@ from ..light.light_linking import LinkRule
 from ..scene.camera import Region, image_size_px, render_region
 from ..scene.colour import in_rec709
 from ..scene.main_thread import call_in_main_thread
+from ..scene.removal import remove_scene
 from ..scene.settings import ENGINE
 from .frame_setup import FrameSetup, ViewSetup
 from .render_result import read_scene
@@ -255,9 +256,7 @@ def _copied(frame: FrameSetup, box: Region) -> Iterator[bpy.types.Scene]:
         _limit(scene, frame.scene, box)
         yield scene
     finally:
-        bpy.data.scenes.remove(scene)
-        bpy.data.objects.remove(camera)
-        bpy.data.cameras.remove(lens)
+        remove_scene(scene, (camera, lens))
 
 
 def _set_up(scene: bpy.types.Scene, layer_name: str) -> None:

@@ -9,6 +9,7 @@ from bpy.app.handlers import persistent
 
 from ..scene.handlers import add_handlers, remove_handlers
 from .engine import LiveHandRender
+from .viewport_shared import rendered_views
 
 
 def free_memory() -> None:
@@ -21,7 +22,8 @@ def free_memory() -> None:
 
 @persistent
 def _after_render(scene: bpy.types.Scene, *_) -> None:
-    if scene.livehand.free_after_render:
+    """Free the avatars, unless a view shows them, which would load them again at once."""
+    if scene.livehand.free_after_render and not rendered_views():
         free_memory()
 
 

@@ -15,8 +15,6 @@ _EXCLUDED = (
     "RENDER_PT_simplify_greasepencil",
     "CYCLES_RENDER_PT_bake",
 )
-# General panels, and those of Cycles, which renders the scene around a hand.
-_RELATED_ENGINES = {"BLENDER_RENDER", "CYCLES"}
 
 
 class LIVEHAND_PT_passes(bpy.types.Panel):
@@ -66,7 +64,7 @@ def draw_mode(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     layout.prop(scene.livehand, "mode")
     if scene.livehand.mode == "SCENE" and scene.render.film_transparent:
         box = layout.box()
-        box.label(text="The film hides the world", icon="INFO")
+        box.label(text="World Hidden by Film", icon="INFO")
         box.prop(scene.render, "film_transparent", text="Transparent Film")
 
 
@@ -78,12 +76,19 @@ def register_panels() -> None:
 
 def unregister_panels() -> None:
     """Hide them again."""
-    for panel in _general_panels():
-        panel.COMPAT_ENGINES.discard(ENGINE)
+    for panel in bpy.types.Panel.__subclasses__():
+        if not panel.__name__.startswith("LIVEHAND"):
+            getattr(panel, "COMPAT_ENGINES", set()).discard(ENGINE)
 
 
 def _general_panels() -> Iterator[type]:
+    """Yield the panels of Cycles, which renders the scene around a hand; without it those of Blender.
+
+    Cycles' are both its own and those of Blender that it does not replace: the others would be there twice.
+    """
+    of_engine: dict[str, list[type]] = {"CYCLES": [], "BLENDER_RENDER": []}
     for panel in bpy.types.Panel.__subclasses__():
-        is_useful = not _RELATED_ENGINES.isdisjoint(getattr(panel, "COMPAT_ENGINES", ()))
-        if is_useful and not panel.__name__.startswith(_EXCLUDED):
-            yield panel
+        for engine, panels in of_engine.items():
+            if engine in getattr(panel, "COMPAT_ENGINES", ()) and not panel.__name__.startswith(_EXCLUDED):
+                panels.append(panel)
+    yield from of_engine["CYCLES"] or of_engine["BLENDER_RENDER"]

@@ -6,6 +6,7 @@ import logging
 import textwrap
 from collections import deque
 from statistics import median
+from typing import NamedTuple
 
 import blf
 import bpy
@@ -18,6 +19,7 @@ from ...backend.system.memory import memory_message
 from ..hands.visible_hands import InstanceId, VisibleHand, visible_hands
 from ..light.foreground import Foreground
 from ..light.solids import LocalTriangles
+from ..light.studio import needs_light
 from ..scene.colour import rec709_to_working_space
 from .viewport_hand import ViewportHand, read_viewport_hands
 from .viewport_image import ViewportImage, ViewportRequest, ViewportStep
@@ -36,6 +38,8 @@ _SPARE = 0.8
 _FONT = 0
 _TEXT_PT = 12.0
 _MARGIN_PX = 20.0
+_NO_LIGHT = "no light falls on the hands; press Studio Lights in the LiveHand tab of the sidebar (N)"
+_BLENDERS_LINES = 5  # that Blender may write there itself
 _TRIANGLES = ((0, 1, 2), (0, 2, 3))
 _WHITE, _SHADE = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.7)
 
@@ -68,6 +72,7 @@ class Viewport:
         self._triangles = LocalTriangles()
         self._foreground: Foreground | None = None
         self._message = ""  # the outcome of the last request, if it is not an image
+        self._hint = ""  # what to do about an image that is there
 
     def update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Note that the scene has changed."""
@@ -80,7 +85,7 @@ class Viewport:
         Raises:
             LiveHandError: a hand of the scene has no mesh.
         """
-        self._visible = visible_hands(depsgraph)
+        self._visible = _drawn_hands(depsgraph)
         return tuple(hand.instance_id for hand in self._visible)
 
     def draw(self, engine: bpy.types.RenderEngine, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
@@ -98,15 +103,16 @@ class Viewport:
         if has_image != self.has_image:
             self.has_image = has_image
             self._shared.timer.update_meshes()
-        if message:
-            draw_message(f"LiveHand: {message}", context.region.width, context.preferences.system.ui_scale)
+        if shown := message or self._hint:
+            draw_message(f"LiveHand: {shown}", free_area(context), context.preferences.system.ui_scale)
 
     def _read(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         self._is_stale = False
         self._foreground = None
         self._triangles.forget_unasked()
+        self._hint = _NO_LIGHT if needs_light(depsgraph.scene, depsgraph.view_layer) else ""
         try:
-            visible = visible_hands(depsgraph) if self._visible is None else self._visible
+            visible = _drawn_hands(depsgraph) if self._visible is None else self._visible
             self._hands = read_viewport_hands(context.space_data, depsgraph, visible, self._triangles)
             self._problem = ""
         except Exception as error:
@@ -123,6 +129,8 @@ class Viewport:
         """Draw the newest image; returns the message to draw with it."""
         if view is None:
             return ""
+        if preparing := self._shared.preparation.progress:  # of the same kernels, here a second time
+            return preparing.text
         self._submit(engine, depsgraph, view, 1 / _pixel_size(context), context.screen.is_animation_playing)
         self._receive()
         if self._texture:
@@ -165,6 +173,11 @@ class Viewport:
             self._message = _message_of(outcome.error) if outcome.error else ""
             self._texture = ImageTexture(outcome.value) if outcome.value else None
             self._is_empty = not outcome.error and not outcome.value
+
+
+def _drawn_hands(depsgraph: bpy.types.Depsgraph) -> tuple[VisibleHand, ...]:
+    """Find the hands that are drawn over the view: the holes of holdouts are Cycles', of their meshes."""
+    return tuple(hand for hand in visible_hands(depsgraph) if not hand.is_holdout)
 
 
 def _pixel_size(context: bpy.types.Context) -> int:
@@ -248,19 +261,48 @@ class ImageTexture:
         gpu.state.blend_set("NONE")
 
 
-def draw_message(text: str, width_px: int, scale: float) -> None:
-    """Draw text on a dark box in the lower left of a region, wrapped to its width; `scale` is the interface's."""
+class FreeArea(NamedTuple):
+    """What other regions leave of a 3D view's: left, right and top edges, px, rows counted from the bottom."""
+
+    left: float
+    right: float
+    top: float
+
+
+def free_area(context: bpy.types.Context) -> FreeArea:
+    """Find the part of the view's region that headers, toolbar and sidebar do not cover.
+
+    Blender writes the view's name and its render's state into the upper left, and *Adjust Last Operation* covers the
+    lower left.
+    """
+    region, left, right = context.region, 0.0, float(context.region.width)
+    top = float(context.region.height)
+    if context.preferences.system.use_region_overlap:
+        for other in (one for one in context.area.regions if one.width > 1 and one.height > 1):
+            if other.type == "TOOLS":
+                left = max(left, other.x + other.width - region.x)
+            elif other.type == "UI":
+                right = min(right, other.x - region.x)
+            elif other.type in {"HEADER", "TOOL_HEADER"} and other.alignment != "BOTTOM":
+                top = min(top, other.y - region.y)
+    return FreeArea(left, right, top)
+
+
+def draw_message(text: str, area: FreeArea, scale: float) -> None:
+    """Draw text on a dark box in the upper left of an area, below Blender's own; `scale` is the interface's."""
     blf.size(_FONT, _TEXT_PT * scale)
     letter_px, line_px = blf.dimensions(_FONT, "n")[0], 1.6 * _TEXT_PT * scale
     margin_px = _MARGIN_PX * scale
-    lines = textwrap.wrap(text, max(20, int((width_px - 4 * margin_px) / letter_px)))
+    lines = textwrap.wrap(text, max(16, int((area.right - area.left - 4 * margin_px) / letter_px)))
+    left, top = area.left + margin_px, area.top - _BLENDERS_LINES * line_px
+    wide_px = max(blf.dimensions(_FONT, line)[0] for line in lines)
     _draw_box(
-        (margin_px / 2, margin_px / 2),
-        (max(blf.dimensions(_FONT, line)[0] for line in lines) + 1.5 * margin_px, (len(lines) + 1) * line_px),
+        (left - margin_px / 2, top - len(lines) * line_px - margin_px / 2),
+        (left + wide_px + margin_px / 2, top + margin_px / 4),
     )
     blf.color(_FONT, *_WHITE)
-    for number, line in enumerate(reversed(lines)):
-        blf.position(_FONT, margin_px, margin_px + number * line_px, 0)
+    for number, line in enumerate(lines):
+        blf.position(_FONT, left, top - (number + 1) * line_px + 0.3 * line_px, 0)
         blf.draw(_FONT, line)
 
 

@@ -9,6 +9,7 @@ import bpy
 from ...backend.render.preview_scheduler import PreviewScheduler
 from ...backend.render.session import Session
 from ..scene.settings import ENGINE
+from .preparation import Preparation
 
 _INTERVAL_S = 0.01
 
@@ -16,8 +17,9 @@ _INTERVAL_S = 0.01
 class ViewportShared:
     """The session with its avatars, one thread and one timer. The registered render engine owns it."""
 
-    def __init__(self, session: Session):
+    def __init__(self, session: Session, preparation: Preparation | None = None):
         self.session = session
+        self.preparation = preparation or Preparation()
         self.preview = PreviewScheduler()
         self.timer = RedrawTimer(self.preview)
 
@@ -83,9 +85,18 @@ def stop_rendered_views() -> None:
     Unregistering the class would free them as well, but in the middle of Blender's own list of engines, while Cycles'
     thread may wait for Python.
     """
-    for window in bpy.context.window_manager.windows:
-        if window.scene.render.engine == ENGINE:
-            for area in window.screen.areas:
-                for space in area.spaces:
-                    if space.type == "VIEW_3D" and space.shading.type == "RENDERED":
-                        space.shading.type = "SOLID"
+    for space in rendered_views():
+        space.shading.type = "SOLID"
+
+
+def rendered_views() -> list[bpy.types.SpaceView3D]:
+    """List the 3D views of all windows that are in Rendered shading, of scenes with our engine."""
+    return [
+        space
+        for manager in bpy.data.window_managers
+        for window in manager.windows
+        if window.scene.render.engine == ENGINE
+        for area in window.screen.areas
+        for space in area.spaces
+        if isinstance(space, bpy.types.SpaceView3D) and space.shading.type == "RENDERED"
+    ]

@@ -1,4 +1,4 @@
-"""Reads the backend `Camera` of a 3D view, be it a free perspective view or one through a camera.
+"""Reads the backend `Camera` of a 3D view, be it a free view, perspective or orthographic, or one through a camera.
 
 Blender's `window_matrix` is the projection of the whole region, including a camera view's zoom, offset and lens shift.
 Blender counts a region's rows from the bottom, as OpenGL does.
@@ -12,9 +12,10 @@ import bpy
 import numpy as np
 
 from ...backend.records.camera import Camera
-from ...backend.records.errors import LiveHandError
 from ..scene.camera import read_camera, render_region
 
+# A free orthographic view shows what lies behind its centre, too. From so far back, single precision is 0.01 mm.
+_BACK_M = 100.0
 _OPENGL_TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -43,7 +44,7 @@ def read_view(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> Reg
     """Read the view of the context's region, cropped to the render border; None if the border lies outside.
 
     Raises:
-        LiveHandError: the view is orthographic.
+        LiveHandError: the view is a camera's, and that is at fault.
     """
     region, space = context.region, context.space_data
     camera = region_camera(context.region_data, (region.width, region.height))
@@ -56,24 +57,23 @@ def read_view(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> Reg
 
 
 def region_camera(view: bpy.types.RegionView3D, size_px: tuple[int, int]) -> Camera:
-    """Read the camera of a whole region.
-
-    Raises:
-        LiveHandError: the view is orthographic.
-    """
+    """Read the camera of a whole region."""
     projection = np.array(view.window_matrix, np.float64)
-    if projection[3, 3] != 0:
-        remedy = "set the camera's lens type to Perspective" if view.view_perspective == "CAMERA" else "press Numpad 5"
-        raise LiveHandError(f"orthographic views show the hand's mesh; to see it rendered, {remedy}")
+    is_orthographic = bool(projection[3, 3] != 0)
+    # Where the axis leaves the region's middle: lengths are divided by -z, or by 1.
+    aside, up = projection[:2, 3] if is_orthographic else -projection[:2, 2]
     half_width, half_height = size_px[0] / 2, size_px[1] / 2
     K = np.array(
         [
-            [half_width * projection[0, 0], 0, half_width * (1 - projection[0, 2])],
-            [0, half_height * projection[1, 1], half_height * (1 + projection[1, 2])],
+            [half_width * projection[0, 0], 0, half_width * (1 + aside)],
+            [0, half_height * projection[1, 1], half_height * (1 - up)],
             [0, 0, 1],
         ]
     )
-    return Camera(K, np.linalg.inv(np.array(view.view_matrix, np.float64)) @ _OPENGL_TO_OPENCV_AXES, size_px)
+    cam2world = np.linalg.inv(np.array(view.view_matrix, np.float64)) @ _OPENGL_TO_OPENCV_AXES
+    if is_orthographic and view.view_perspective != "CAMERA":
+        cam2world[:3, 3] -= _BACK_M * cam2world[:3, 2]
+    return Camera(K, cam2world, size_px, is_orthographic)
 
 
 def _has_border(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> bool:

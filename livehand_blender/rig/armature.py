@@ -110,7 +110,8 @@ def _add_bones(armature: bpy.types.Object, model: HandModel, anatomical: np.ndar
     for finger in FINGERS:
         first = finger_joints(finger)[0]
         placement = _along(rest, first)._replace(frame=anatomical[first])
-        _add_bone(armature, master_name(finger, side), root_name(side), placement)
+        # A master is seen, and follows the hand; a target stays where it is put.
+        _add_bone(armature, master_name(finger, side), bone_name(0, side), placement)
         last = _along(rest, finger_joints(finger)[-1])
         tip = last._replace(head=last.head + last.length * last.frame[:, 1], length=_TARGET_M)
         _add_bone(armature, target_name(finger, side), root_name(side), tip)

@@ -7,7 +7,7 @@ from ...backend.hand.model import JOINT_NAMES, MANO_FINGERS
 
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
 _SIDES = (
-    ("OWN", "The Hand's Own", "The same side as this hand"),
+    ("OWN", "Same as Hand", "The same side as this hand"),
     ("right", "Right", "The rig's right hand; a left hand mirrors its motion"),
     ("left", "Left", "The rig's left hand; a right hand mirrors its motion"),
 )

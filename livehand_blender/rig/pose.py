@@ -129,6 +129,12 @@ def mirror_pose(hand: RiggedHand, other: RiggedHand, depsgraph: bpy.types.Depsgr
     write_theta(other, theta, forearm)
 
 
+def apply_sliders(hand: RiggedHand, depsgraph: bpy.types.Depsgraph) -> None:
+    """Turn the bones as sliders, master bones and IK turn them, and set these to zero; the pose is unchanged."""
+    pose = read_pose(hand, depsgraph)
+    write_theta(hand, pose.theta, pose.forearm)
+
+
 def bone_quaternions(hand: RiggedHand, theta: np.ndarray, forearm: np.ndarray | None = None) -> np.ndarray:
     """Compute own rotations (wxyz) [..., 16 or 17, 4] of the hand's `bones`: basis = B^T R B.
 

@@ -20,11 +20,11 @@ from .follow_properties import LIVEHAND_PG_other_rig
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
 # Blender 4.5 and later warn of a `//` path unless the property declares it; earlier versions always accept it.
 _FILE_OPTIONS = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else {"ANIMATABLE"}
-# Files keep the numbers.
+# Files keep the numbers. The names are those of `backend.avatars.library.PERSONS`.
 _SKINS = (
-    ("light", "Light", "A man with light skin", "NONE", 0),
-    ("middle", "Middle", "A woman with brown skin", "NONE", 2),
-    ("deep", "Deep", "An old man with deep brown skin and light palms", "NONE", 1),
+    ("light", "Erik", "A man with light skin", "NONE", 0),
+    ("middle", "Maya", "A woman with brown skin", "NONE", 2),
+    ("deep", "Joseph", "An old man with deep brown skin and light palms", "NONE", 1),
 )
 _SIDES = (("right", "Right", "A right hand"), ("left", "Left", "A left hand"))
 _DEVICES = (
@@ -38,7 +38,7 @@ _MODES = (
     ("SCENE", "Hand in Scene", "Render the finished shot: the scene by Cycles, and in it the hands with their shadows"),
 )
 _LIGHTS = (
-    ("SCENE", "Scene", "The scene's lamps and world light the hands, and its objects shadow them"),
+    ("SCENE", "Scene", "The scene's lights and world light the hands, and its objects shadow them"),
     ("CAPTURE", "Capture's Own", "Each hand keeps the light in which its avatar was captured"),
 )
 _PRECISIONS = (
@@ -80,10 +80,10 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
     model_sha256: _String(
         name="Model Hash", description="SHA-256 of the hand model's file, by which avatars identify their hand"
     )
-    skin: _Enum(name="Skin", description="Which of LiveHand's own avatars the hand uses", items=_SKINS)
+    skin: _Enum(name="Person", description="Which of LiveHand's own avatars the hand uses", items=_SKINS)
     avatar_path: _File(
         name="Avatar",
-        description="File of an avatar that you trained (.safetensors), used instead of the skin above; may be empty",
+        description="File of an avatar that you trained (.safetensors), used instead of the person above; may be empty",
     )
     mesh: _Pointer(
         name="Mesh", description="The mesh that this armature deforms and that is rendered", type=bpy.types.Object
@@ -115,7 +115,8 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
     )
     wrist_fade: _Float(
         name="Wrist Fade",
-        description="Millimeters over which the hand turns transparent towards the cut end of its arm or wrist",
+        subtype="DISTANCE_CAMERA",  # Blender's one for millimeters
+        description="Length over which the hand turns transparent towards the cut end of its arm or wrist",
         min=0.0,
         soft_max=100.0,
     )
@@ -154,7 +155,8 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
     )
     free_after_render: BoolProperty(
         name="Free Memory After Render",
-        description="Unload the avatars when a render in Blender's window is done; the next render loads them again",
+        description="Unload the avatars when a render in Blender's window is done, unless a view shows them; the next "
+        "render loads them again",
         default=True,
     )
     device: EnumProperty(name="Device", description="Where the renderer runs", items=_DEVICES)
@@ -162,7 +164,7 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
         name="Precision", description="Floating-point numbers that the networks compute with", items=_PRECISIONS
     )
     keep_look: BoolProperty(
-        name="Keep Look",
+        name="Ignore View Transform",
         description="Show the hand's colors as in the Standard view transform, even if the scene uses AgX or Filmic",
     )
 

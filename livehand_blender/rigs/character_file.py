@@ -90,7 +90,7 @@ def read_joint_map(armature: bpy.types.Object, side: Side | None, bones: Path | 
     """
     if bones is not None:
         return _read_map(bones, side)
-    return guess_joints(read_skeleton(armature), side).joint_map()
+    return guess_joints(read_skeleton(armature), side, is_determined=side is not None).joint_map()
 
 
 def _read_map(path: Path, side: Side | None) -> JointMap:

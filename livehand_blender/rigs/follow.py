@@ -25,9 +25,10 @@ from ...backend.hand.bones import bone_name
 from ...backend.hand.model import PARENTS
 from ...backend.records.errors import LiveHandError
 from ...backend.rigs.doubts import motion_doubts
-from ...backend.rigs.natural_range import rest_pose, unnatural_joints
+from ...backend.rigs.natural_range import is_natural, rest_pose
 from ...backend.rigs.rest_alignment import RestAlignment, align
 from ...backend.rigs.retarget import retarget
+from ..hands.followed_skin import SOURCE_ROLE
 from ..rig.armature import rest_frames
 from ..rig.carrier import Carrier
 from ..rig.drivers import drive_by_sliders
@@ -37,7 +38,7 @@ from ..rig.sliders import write_slider
 from .source import SourceRig, align_hand, posed_skeleton, sample_source, set_shape
 
 FOLLOW, FOLLOW_PLACE = "Follow Other Rig", "Follow Other Rig's Wrist"
-_SOURCE, _FITTED, _FOLLOWING = "SRC", "FIT", "FOL"
+_SOURCE, _FITTED, _FOLLOWING = SOURCE_ROLE, "FIT", "FOL"
 _LENGTH_M = 0.01
 
 
@@ -58,7 +59,7 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
         )
     check_editable(context, hand)
     alignment = align_hand(hand, source, fits_shape)
-    if unnatural_joints(alignment.model, rest_pose(alignment)):
+    if not is_natural(alignment.model, rest_pose(alignment)):
         alignment = _natural_alignment(context, source, alignment)
     present = sample_source(context, source, [context.scene.frame_current])
     doubt = motion_doubts(alignment, retarget(replace(present, nodes=None), alignment))
@@ -78,7 +79,7 @@ def _natural_alignment(context: bpy.types.Context, source: SourceRig, alignment:
     evaluated = source.armature.evaluated_get(context.evaluated_depsgraph_get())
     posed = posed_skeleton(evaluated, source.joint_map)
     present = align(posed, source.joint_map, alignment.model, alignment.shape)
-    return alignment if unnatural_joints(present.model, rest_pose(present)) else present
+    return present if is_natural(present.model, rest_pose(present)) else alignment
 
 
 def is_following(armature: bpy.types.Object) -> bool:

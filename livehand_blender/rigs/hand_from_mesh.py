@@ -80,7 +80,7 @@ def hand_model_from_mesh(
         "length_mm": round(1e3 * float(np.ptp(model.v_template[:, 0])), 1),
         "pieces_left_out": hand.cut.other_pieces,
         "joints_without_bones": list(joint_map.missing),
-        "doubt": rest_doubts(hand.alignment),
+        "doubt": rest_doubts(hand.alignment, scale),
         "subdivision_moves_mm": round(1e3 * scale * float(rest.smoothed_m[hand.cut.source].max()), 2),
     }
 

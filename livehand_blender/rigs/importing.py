@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,16 +16,20 @@ from ...backend.hand.model import HandModel
 from ...backend.motion.motion import HandMotion
 from ...backend.records.errors import LiveHandError
 from ...backend.records.side import Side
+from ...backend.rigs.bvh_positions import with_offsets
 from ...backend.rigs.doubts import LARGEST_SIZE, SMALLEST_SIZE, motion_doubts
 from ...backend.rigs.joint_guess import JointGuess, guess_joints
 from ...backend.rigs.rest_alignment import align, source_nodes
 from ...backend.rigs.retarget import retarget
 from ...backend.rigs.shape_fit import HandShape, fit_shape
 from ...backend.rigs.source_skeleton import JointMap
+from ...backend.system.files import MIB, read_regular
+from ..scene.removal import remove_scene
 from .source import SourceRig, read_skeleton, sample_source
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "dm": 0.1, "ft": 0.3048}
 _COMMON_UNITS = ("m", "cm", "mm")  # the others are tried if none of these gives the size of a hand
+_MOST_BVH_BYTES = 512 * MIB
 Importer = Callable[[Path], object]
 _ADD_ONS = {".bvh": "BioVision Motion Capture (BVH) format", ".fbx": "FBX format", ".gltf": "glTF 2.0 format"}
 
@@ -117,14 +122,13 @@ def _temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
     finally:
         if window is not None:
             window.scene = shown
-        bpy.data.scenes.remove(scene)
-        bpy.data.batch_remove(all_data() - before)
+        remove_scene(scene, all_data() - before - {scene})
 
 
 def _importer(suffix: str) -> Importer | None:
     """Find a function that imports a path; None if the add-on is not enabled."""
     if suffix == ".bvh" and hasattr(bpy.types, "IMPORT_ANIM_OT_bvh"):
-        return lambda path: bpy.ops.import_anim.bvh(filepath=str(path), update_scene_fps=True, rotate_mode="QUATERNION")
+        return _import_bvh
     if suffix == ".fbx" and hasattr(bpy.types, "IMPORT_SCENE_OT_fbx"):
         return lambda path: bpy.ops.import_scene.fbx(filepath=str(path), use_image_search=False)
     if suffix == ".fbx" and _has_operator("wm", "fbx_import"):
@@ -133,6 +137,16 @@ def _importer(suffix: str) -> Importer | None:
         # The importer hides bone shapes relative to the active object, which is not in the temporary scene.
         return lambda path: bpy.ops.import_scene.gltf(filepath=str(path), disable_bone_shape=True)
     return None
+
+
+def _import_bvh(path: Path) -> None:
+    text = with_offsets(read_regular(path, _MOST_BVH_BYTES).decode("utf-8", "replace"))
+    with contextlib.ExitStack() as stack:
+        if text is not None:
+            folder = stack.enter_context(tempfile.TemporaryDirectory())
+            path = Path(folder) / path.name
+            path.write_text(text, encoding="utf-8")
+        bpy.ops.import_anim.bvh(filepath=str(path), update_scene_fps=True, rotate_mode="QUATERNION")
 
 
 def _has_operator(module: str, name: str) -> bool:
@@ -189,7 +203,7 @@ def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side)
         raise LiveHandError(
             f"{path.name} must hold a {side or own} hand, there is none in this file: no bones are named like fingers, "
             "and none has five chains of bones below it; give a file with fingers, or import it with Blender and "
-            "choose the bones under Other Rig"
+            "choose the bones under Retarget"
         )
     return best
 

@@ -17,6 +17,7 @@ from ...backend.records.errors import LiveHandError
 from ...backend.rigs.hand_from_mesh.hand_model import MeshHand
 from ...backend.system.files import replacing
 from ..capture.hand_materials import MODEL_KEY
+from ..scene.removal import remove_scene
 from .pictures import images_of, is_missing, plain_colours
 from .rest_mesh import RestMesh
 
@@ -54,10 +55,7 @@ def save_materials(path: Path, source: bpy.types.Object, rest: RestMesh, hand: M
     except RuntimeError as error:
         raise LiveHandError(f"{path} must be writable ({error})") from error
     finally:
-        data = mesh.data
-        bpy.data.scenes.remove(scene)
-        bpy.data.objects.remove(mesh)
-        bpy.data.meshes.remove(data)
+        remove_scene(scene, (mesh, mesh.data))
 
 
 def _materials_object(source: bpy.types.Object, rest: RestMesh, hand: MeshHand) -> bpy.types.Object:

@@ -14,6 +14,7 @@ import numpy as np
 from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
 
+_LENS_TYPES = ("PERSP", "ORTHO")
 _BLENDER_TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -54,22 +55,23 @@ def read_camera(camera: bpy.types.Object | None, render: bpy.types.RenderSetting
         eye: one eye of a stereo pair; None without stereo.
 
     Raises:
-        LiveHandError: there is no camera, it is not a perspective one, or a parent shears or mirrors it.
+        LiveHandError: there is no camera, it is a panoramic one, or a parent shears or mirrors it.
     """
     if camera is None:
         raise LiveHandError(
             "a render needs a camera, the scene has none; add one and make it the active camera (Ctrl-Numpad 0)"
         )
-    if camera.type != "CAMERA" or camera.data.type != "PERSP":
+    if camera.type != "CAMERA" or camera.data.type not in _LENS_TYPES:
         got = camera.data.type if camera.type == "CAMERA" else f"a {camera.type} object"
         raise LiveHandError(
-            f"LiveHand renders perspective cameras only, '{camera.name}' is {got}; set its lens type to Perspective"
+            f"LiveHand renders perspective and orthographic cameras only, '{camera.name}' is {got}; "
+            "set its lens type to Perspective"
         )
     size_px = image_size_px(render)
     shift_x = camera.data.shift_x if eye is None else eye.shift_x
     matrix_world = np.array(camera.matrix_world) if eye is None else eye.matrix_world
     K = _intrinsics(camera.data, shift_x, size_px, render.pixel_aspect_y / render.pixel_aspect_x)
-    return Camera(K, _cam2world(matrix_world), size_px)
+    return Camera(K, _cam2world(matrix_world), size_px, is_orthographic=camera.data.type == "ORTHO")
 
 
 def image_size_px(render: bpy.types.RenderSettings) -> tuple[int, int]:
@@ -103,7 +105,7 @@ def output_size_px(render: bpy.types.RenderSettings) -> tuple[int, int]:
 
 
 def _intrinsics(lens: bpy.types.Camera, shift_x: float, size_px: tuple[int, int], pixel_aspect: float) -> np.ndarray:
-    """Compute K, px. `pixel_aspect` is a pixel's height over its width."""
+    """Compute K, px, or px per m of an orthographic lens. `pixel_aspect` is a pixel's height over its width."""
     width, height = size_px
     fit = lens.sensor_fit
     if fit == "AUTO":
@@ -113,7 +115,7 @@ def _intrinsics(lens: bpy.types.Camera, shift_x: float, size_px: tuple[int, int]
         sensor_mm = lens.sensor_width if fit == "HORIZONTAL" else lens.sensor_height
     # The side of the image that the sensor is fitted to, in pixel widths.
     fitted_px = width if fit == "HORIZONTAL" else height * pixel_aspect
-    focal_px = lens.lens / sensor_mm * fitted_px
+    focal_px = fitted_px / lens.ortho_scale if lens.type == "ORTHO" else lens.lens / sensor_mm * fitted_px
     centre_x = width / 2 - shift_x * fitted_px
     centre_y = height / 2 + lens.shift_y * fitted_px / pixel_aspect
     return np.array([[focal_px, 0, centre_x], [0, focal_px / pixel_aspect, centre_y], [0, 0, 1]])

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 from bpy.props import StringProperty
 
+from ...backend.avatars.library import person_name
 from ...backend.avatars.metadata import AvatarMetadata
 from ...backend.records.errors import LiveHandError
 from ..render.hand_source import hand_source, set_avatar
@@ -72,8 +73,7 @@ class LIVEHAND_OT_person_shape(OnHand, bpy.types.Operator):
 class LIVEHAND_PT_avatar(HandTab, bpy.types.Panel):
     """The active hand's avatar."""
 
-    bl_label = "Avatar"
-    bl_options = {"DEFAULT_CLOSED"}
+    bl_label = "Avatar Details"
 
     library: ClassVar[AvatarLibrary]
 
@@ -102,7 +102,6 @@ class LIVEHAND_PT_avatar(HandTab, bpy.types.Panel):
         column = layout.column()
         column.prop(armature.livehand, "skin")
         column.prop(armature.livehand, "avatar_path", text="File", placeholder="of your own")
-        layout.operator("livehand.person_from_pictures", text="From Film or Photographs", icon="FILE_MOVIE")
 
 
 class LIVEHAND_PT_choose_avatar(Tab, bpy.types.Panel):
@@ -121,16 +120,16 @@ class LIVEHAND_PT_choose_avatar(Tab, bpy.types.Panel):
         for avatar in library.offered(context, armature):
             cell = grid.column(align=True)
             cell.template_icon(library.icon(avatar), scale=_SMALL_SCALE)
-            button = cell.operator("livehand.wear_avatar", text=avatar.name, depress=avatar.path == current)
+            button = cell.operator(
+                "livehand.wear_avatar", text=person_name(avatar.path, avatar.name), depress=avatar.path == current
+            )
             button.filepath = str(avatar.path)
-        self.layout.label(text="For more, set a folder in the add-on's preferences")
+        self.layout.label(text="More: Avatar Folder in Preferences")
 
 
 def _draw_avatar(
     context: bpy.types.Context, layout: bpy.types.UILayout, avatar: AvatarMetadata, armature: bpy.types.Object
 ) -> None:
-    if icon := LIVEHAND_PT_avatar.library.icon(avatar):
-        layout.template_icon(icon, scale=_LARGE_SCALE)
     column = layout.column(align=True)
     for line in facts(avatar):
         draw_wrapped(context, column, line)
@@ -143,20 +142,20 @@ def _draw_avatar(
 def draw_choice(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
     """Draw a button with the current avatar's name that opens the choice."""
     try:
-        name = LIVEHAND_PT_avatar.library.metadata(hand_source(armature).avatar_path).name
+        avatar = LIVEHAND_PT_avatar.library.metadata(hand_source(armature).avatar_path)
+        name = person_name(avatar.path, avatar.name)
+        if icon := LIVEHAND_PT_avatar.library.icon(avatar):
+            layout.template_icon(icon, scale=_LARGE_SCALE)
     except LiveHandError:
         name = "Choose Avatar"
-    split = layout.split(factor=0.4)
-    split.alignment = "RIGHT"
-    split.label(text="Avatar")
-    split.popover("LIVEHAND_PT_choose_avatar", text=name, icon="IMAGE_DATA")
+    layout.popover("LIVEHAND_PT_choose_avatar", text=name, icon="USER")
 
 
 def facts(avatar: AvatarMetadata) -> tuple[str, ...]:
     """List lines of text about an avatar: name, licence, figures, origin."""
-    licence = f"Licence: {avatar.licence or 'not stated'}"
+    licence = f"License: {avatar.licence or 'not stated'}"
     figures = avatar.figures or ("not measured (livehand evaluate --record)",)
-    return (avatar.name, licence, *figures, *filter(None, (avatar.made_from,)))
+    return (person_name(avatar.path, avatar.name), licence, *figures, *filter(None, (avatar.made_from,)))
 
 
 def _check_same_hand(avatar: AvatarMetadata, armature: bpy.types.Object) -> None:

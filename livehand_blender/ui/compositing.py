@@ -26,13 +26,18 @@ class _SetUp:
 
     replace_output: BoolProperty(
         name="Replace Output",
-        description="Connect the nodes to the compositor's output even if something else is connected to it",
+        description="Connect the nodes to the compositor's output even if other nodes than a plain render's are "
+        "connected to it",
     )
 
     def report_output(self, is_output: bool) -> None:
         """Tell the user if the compositor's output shows something else."""
         if not is_output:
-            self.report({"INFO"}, "The compositor's output was already connected and is unchanged")
+            self.report(
+                {"WARNING"},
+                "The nodes were added but are not shown: the compositor's output is connected to others. Connect them "
+                "by hand, or choose Replace Output",
+            )
 
 
 class LIVEHAND_OT_setup_compositing(_SetUp, bpy.types.Operator):
@@ -46,6 +51,13 @@ class LIVEHAND_OT_setup_compositing(_SetUp, bpy.types.Operator):
         description="Scene with the same camera, rendered by another engine; empty: the hand alone",
         search=_other_scenes,
     )
+
+    def invoke(self, context, event):
+        """Ask for the scene and the output; where there is one other scene, it is proposed."""
+        others = _other_scenes(self, context, "")
+        if len(others) == 1 and not self.properties.is_property_set("behind"):
+            self.behind = others[0]
+        return context.window_manager.invoke_props_dialog(self)
 
     @reports_errors
     def execute(self, context):

@@ -10,7 +10,7 @@ from bpy_extras.io_utils import ExportHelper
 
 from ..rigs.character_file import read_joint_map
 from ..rigs.hand_from_mesh import hand_model_from_mesh
-from .mixins import Tab, reports_errors
+from .mixins import AdvancedTab, reports_errors
 
 _SIDES = (
     ("auto", "Automatic", "The hand for which more bones are found"),
@@ -41,10 +41,10 @@ class LIVEHAND_OT_make_hand_model(bpy.types.Operator, ExportHelper):
         """Enable it on a mesh with an armature, in Object Mode."""
         mesh = context.active_object
         if mesh is None or mesh.type != "MESH" or mesh.find_armature() is None:
-            cls.poll_message_set("select a mesh that is deformed by an armature first")
+            cls.poll_message_set("Select a mesh that is deformed by an armature first")
             return False
         if mesh.mode != "OBJECT":
-            cls.poll_message_set("switch to Object Mode first")
+            cls.poll_message_set("Switch to Object Mode first")
             return False
         return True
 
@@ -59,17 +59,16 @@ class LIVEHAND_OT_make_hand_model(bpy.types.Operator, ExportHelper):
         # The file browser has asked before it replaces a file.
         made = hand_model_from_mesh(context, mesh, armature, joint_map, path, self.scale, overwrites=True)
         missing = [PureWindowsPath(name).name for name in made["pictures_missing"]]
-        for doubt in (made["doubt"], missing and f"plain colours replace missing pictures: {', '.join(missing)}"):
+        for doubt in (made["doubt"], missing and f"plain colors replace missing images: {', '.join(missing)}"):
             if doubt:
                 self.report({"WARNING"}, f"Check the hand: {doubt}")
         self.report({"INFO"}, f"Wrote {path.name} ({made['vertices']} vertices) and {Path(made['look']).name}")
 
 
-class LIVEHAND_PT_hand_model(Tab, bpy.types.Panel):
+class LIVEHAND_PT_hand_model(AdvancedTab, bpy.types.Panel):
     """A hand model made from your own mesh."""
 
-    bl_label = "Own Hand"
-    bl_options = {"DEFAULT_CLOSED"}
+    bl_label = "Custom Hand"
 
     def draw(self, context):
         """Draw the operator."""

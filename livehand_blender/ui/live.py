@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 from ...backend.records.errors import LiveHandError
-from ...backend.system.packages import missing_requirements
+from ...backend.system.packages import CAMERA, missing_of, missing_requirements
 from ...backend.tracking.live import CameraSource
-from ...backend.tracking.video import INSTALL_VIDEO
-from ...backend.tracking.weights import FETCH_COMMAND, has_networks
+from ...backend.tracking.weights import has_networks
 from ..motion.live import LiveSession, LiveSetup
 from .mixins import reports_errors
+from .packages import draw_packages
 
 _INTERVAL_S = 1 / 60
 
@@ -34,6 +33,7 @@ class LIVEHAND_OT_live(bpy.types.Operator):
     filepath: StringProperty(name="File", description="The video", subtype="FILE_PATH")
     focal_mm: FloatProperty(
         name="Focal Length",
+        subtype="DISTANCE_CAMERA",
         description="Of the camera for a film 36 mm wide; 0: guessed, which is wrong in the distance only",
         min=0,
         soft_max=120,
@@ -44,13 +44,13 @@ class LIVEHAND_OT_live(bpy.types.Operator):
     def poll(cls, context):
         """Enable it once packages, PyAV and the tracker's networks are there, and nothing runs."""
         if missing_requirements():
-            cls.poll_message_set("Python packages are missing; see the Render panel")
+            cls.poll_message_set("Python packages are missing: press Install Packages at the top of the LiveHand tab")
             return False
-        if importlib.util.find_spec("av") is None:
-            cls.poll_message_set(f"cameras need PyAV; install it: {INSTALL_VIDEO}")
+        if missing_of(CAMERA):
+            cls.poll_message_set("Live hands need PyAV: press Install Packages in the Video panel")
             return False
         if not has_networks():
-            cls.poll_message_set(f"the hand tracker is missing; run in a terminal: {FETCH_COMMAND}")
+            cls.poll_message_set("The hand tracker is missing: press Get Hand Tracker in the Video panel")
             return False
         return LiveSession.running is None
 
@@ -162,9 +162,12 @@ class LIVEHAND_OT_live_stop(_WhileLive, bpy.types.Operator):
 CLASSES = (LIVEHAND_OT_live, LIVEHAND_OT_live_record, LIVEHAND_OT_live_stop)
 
 
-def draw_live(layout: bpy.types.UILayout) -> None:
-    """Start, or record and stop."""
+def draw_live(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Start, or record and stop; or install what that needs."""
     session = LiveSession.running
+    if missing_of(CAMERA):
+        draw_packages(layout, context, "CAMERA")
+        return
     if session is None:
         layout.operator("livehand.live", text="Live", icon="OUTLINER_OB_CAMERA")
         return

@@ -16,10 +16,10 @@ from .preferences import library_folder
 
 
 class LIVEHAND_OT_wear_texture(OnHand, bpy.types.Operator, ImportHelper):
-    """Show a picture, painted or photographed on the hand's atlas, on the plain mesh; no avatar takes part."""
+    """Show an image, painted or photographed on the hand's atlas, on the plain mesh; no avatar takes part."""
 
     bl_idname = "livehand.wear_texture"
-    bl_label = "Wear Texture"
+    bl_label = "Apply Mesh Texture"
     bl_options = {"REGISTER", "UNDO"}
 
     filter_glob: StringProperty(default="*.png;*.jpg;*.jpeg;*.tif;*.tiff;*.exr", options={"HIDDEN"})
@@ -51,7 +51,7 @@ class LIVEHAND_OT_remove_texture(OnHand, bpy.types.Operator):
     """Give the plain mesh its single color back."""
 
     bl_idname = "livehand.remove_texture"
-    bl_label = "Remove Texture"
+    bl_label = "Remove Mesh Texture"
     bl_options = {"REGISTER", "UNDO"}
 
     @reports_errors
@@ -63,8 +63,7 @@ class LIVEHAND_OT_remove_texture(OnHand, bpy.types.Operator):
 class LIVEHAND_PT_look(HandTab, bpy.types.Panel):
     """The plain mesh of the active hand."""
 
-    bl_label = "Look"
-    bl_options = {"DEFAULT_CLOSED"}
+    bl_label = "Mesh Texture"
 
     def draw(self, context):
         """Draw the texture that the mesh wears, if any, and the operators."""
@@ -73,8 +72,8 @@ class LIVEHAND_PT_look(HandTab, bpy.types.Panel):
         if image is not None:
             self.layout.label(text=image.name, icon="TEXTURE")
         row = self.layout.row(align=True)
-        row.operator("livehand.wear_avatar_colors", icon="USER")
-        row.operator("livehand.wear_texture", text="Mesh Texture", icon="FILE_IMAGE")
+        row.operator("livehand.wear_avatar_colors", text="Avatar", icon="USER")
+        row.operator("livehand.wear_texture", text="Image", icon="FILE_IMAGE")
         if image is not None:
             row.operator("livehand.remove_texture", text="", icon="X")
 

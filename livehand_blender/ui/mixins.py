@@ -11,8 +11,10 @@ from bpy.props import BoolProperty, IntProperty
 
 from ...backend.records.errors import LiveHandError
 from ...backend.system.packages import missing_requirements
-from ...backend.tracking.weights import FETCH_COMMAND, has_networks
+from ...backend.tracking.weights import has_networks
 from ..rig.hand import active_hand
+
+SIDES = (("right", "Right", "A right hand"), ("left", "Left", "A left hand"))
 
 
 def polled_hand(context: bpy.types.Context) -> bpy.types.Object:
@@ -46,7 +48,7 @@ class OnHand:
     def poll(cls, context):
         """Enable it if a hand is active."""
         if active_hand(context) is None:
-            cls.poll_message_set("select a LiveHand hand first")
+            cls.poll_message_set("Select a LiveHand hand first")
             return False
         return True
 
@@ -60,10 +62,10 @@ class NeedsTracker:
     def poll(cls, context):
         """Enable it once the packages and the tracker's networks are there."""
         if missing_requirements():
-            cls.poll_message_set("Python packages are missing; see the Render panel")
+            cls.poll_message_set("Python packages are missing: press Install Packages at the top of the LiveHand tab")
             return False
         if not has_networks():
-            cls.poll_message_set(f"the hand tracker is missing; run in a terminal: {FETCH_COMMAND}")
+            cls.poll_message_set("The hand tracker is missing: press Get Hand Tracker in the Video panel")
             return False
         return True
 
@@ -106,12 +108,21 @@ class Tab:
     bl_category = "LiveHand"
 
 
-class HandTab(Tab):
-    """Mixin of panels below *Hand*."""
-
-    bl_parent_id = "LIVEHAND_PT_hand"
+class OfHand:
+    """Mixin of panels that need an active hand."""
 
     @classmethod
     def poll(cls, context):
         """Show it if a hand is active."""
         return active_hand(context) is not None
+
+
+class AdvancedTab(Tab):
+    """Mixin of panels below *Advanced*."""
+
+    bl_parent_id = "LIVEHAND_PT_advanced"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+
+class HandTab(OfHand, AdvancedTab):
+    """Mixin of panels below *Advanced* that need an active hand."""

@@ -16,7 +16,7 @@ from ...backend.motion.files.open_files import open_files
 from ...backend.motion.files.summary import file_summary
 from ...backend.motion.formats.own import write_motion
 from ...backend.motion.landmarks.picture_camera import PictureCamera
-from ...backend.motion.landmarks.take_file import TakeFile, warning_of
+from ...backend.motion.landmarks.take_file import TakeFile, take_doubts
 from ...backend.records.errors import LiveHandError
 from ...backend.rigs.rig_suffixes import RIG_SUFFIXES
 from ..motion.filmed import key_take
@@ -51,6 +51,8 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
     def invoke(self, context, event):
         """Ask for the settings of a dropped file, or open the file browser."""
         self.start_frame = context.scene.frame_current
+        if not self.directory:  # else Blender proposes the name of the .blend
+            self.directory = bpy.path.abspath("//") or str(Path.home())
         return self.invoke_popup(context)
 
     def draw(self, context):
@@ -83,18 +85,20 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         placement = replace(
             self._placement(),
             space=file.info.space,
+            first=file.info.first,
             keys_place=self.key_place and file.info.has_translation,
             camera=self._camera(context.scene),
         )
         count = key_motion(context.scene, hand, motion, placement)
-        return f"{count} frames of {file.info.format}", doubt
+        late = f", whose hand comes {file.info.first} frames late," if file.info.first else ""
+        return f"{count} frames of {file.info.format}{late}", doubt
 
     def _key_take(self, context: bpy.types.Context, hand: RiggedHand, file: TakeFile) -> tuple[str, str | None]:
         """Key, as `_key_poses`, a filmed take, fitted to the hand's own shape."""
         fit = file.with_changes(beta=read_beta(hand.armature)).fit(hand.model)
         placement = replace(self._placement(), space="opencv", sets_shape=False, camera=self._camera(context.scene))
         count = key_take(context.scene, hand, fit, placement)
-        return f"{count} frames of a {file.info.format}", warning_of(fit)
+        return f"{count} frames of a {file.info.format}", take_doubts(fit, hand.model)
 
     def _key_rig(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, str | None]:
         """Key, as `_key_poses`, an armature in a file."""
@@ -108,7 +112,13 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
 
     def _placement(self) -> Placement:
         return Placement(
-            "z_up", self.start_frame, self.match_fps, self.mirror, self.key_wrist, self.key_place, self.set_shape
+            "z_up",
+            self.start_frame,
+            matches_fps=self.match_fps,
+            mirrors=self.mirror,
+            keys_wrist=self.key_wrist,
+            keys_place=self.key_place,
+            sets_shape=self.set_shape,
         )
 
     def _paths(self) -> list[Path]:
@@ -179,7 +189,6 @@ class LIVEHAND_PT_motion(HandTab, bpy.types.Panel):
     """Motions of the active hand."""
 
     bl_label = "Motion"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
         """Import and export."""

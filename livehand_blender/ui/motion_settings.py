@@ -8,7 +8,8 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 _AUTO = ("AUTO", "As Detected", "As detected from the file")
 _READING = ("side", "mean", "angles", "space", "through_camera", "unit", "fps", "mano_path")
 _LANDMARKS = ("is_picture_mirrored", "smooth_frames")
-_ONTO_HAND = ("start_frame", "match_fps", "mirror", "key_wrist", "key_place", "set_shape")
+_FIRST = ("start_frame", "match_fps", "mirror")
+_TRANSFER = ("key_wrist", "key_place", "set_shape")
 
 
 class MotionSettings:
@@ -20,7 +21,7 @@ class MotionSettings:
         items=(_AUTO, ("right", "Right", "The right hand"), ("left", "Left", "The left hand")),
     )
     mean: EnumProperty(
-        name="Mean",
+        name="Mean Pose",
         description="Whether the finger angles are absolute or relative to MANO's mean pose",
         items=(
             _AUTO,
@@ -29,7 +30,7 @@ class MotionSettings:
         ),
     )
     angles: EnumProperty(
-        name="Angles",
+        name="Pose Format",
         description="How the finger poses are stored",
         items=(
             _AUTO,
@@ -42,7 +43,7 @@ class MotionSettings:
         description="Coordinate system of the wrist's motion; converted to Blender's world unless it is the hand's own",
         items=(
             _AUTO,
-            ("hand", "Hand's Own", "The rig's own: the motion moves with the armature object"),
+            ("hand", "Same as Hand", "The rig's own: the motion moves with the armature object"),
             ("z_up", "Z Up", "A world whose Z axis points up, like Blender's"),
             ("y_up", "Y Up", "A world whose Y axis points up"),
             ("opencv", "Camera, Y Down", "A camera: x right, y down, z forward"),
@@ -71,7 +72,7 @@ class MotionSettings:
         default=1,
     )
     mano_path: StringProperty(
-        name="MANO File",
+        name="MANO Model",
         description="Your MANO_RIGHT.pkl or MANO_LEFT.pkl, for poses relative to its mean or in its components; empty: "
         "use the hand's own model",
         subtype="FILE_PATH",
@@ -86,9 +87,17 @@ class MotionSettings:
     set_shape: BoolProperty(name="Shape", description="Give the hand the file's shape, or its mean if it changes")
 
     def draw_settings(self, layout: bpy.types.UILayout) -> None:
-        """Draw how the file is read, then how the motion is transferred."""
-        for title, names in (("Reading", _READING), ("Landmarks", _LANDMARKS), ("Onto the Hand", _ONTO_HAND)):
-            layout.label(text=title)
-            column = layout.column()
-            for name in names:
-                column.prop(self, name)
+        """Draw where the motion goes and, in a panel that is closed at first, all else: files tell most of it."""
+        _draw(self, layout, _FIRST)
+        header, body = layout.panel("LIVEHAND_import_advanced", default_closed=True)
+        header.label(text="Advanced")
+        if body is not None:
+            for title, names in (("Reading", _READING), ("Landmarks", _LANDMARKS), ("Transfer", _TRANSFER)):
+                body.label(text=title)
+                _draw(self, body, names)
+
+
+def _draw(settings: MotionSettings, layout: bpy.types.UILayout, names: tuple[str, ...]) -> None:
+    column = layout.column()
+    for name in names:
+        column.prop(settings, name)

@@ -7,15 +7,14 @@ from mathutils import Matrix
 
 from ...backend.hand.model import upright
 from ...backend.hand.model_file import DEFAULT_HAND, load_hand_model
-from ...backend.system.packages import install_command, missing_requirements
-from ..light.studio import add_studio
-from ..render.hand_source import packages_folder
+from ..hands.framing import frame_in_view
+from ..light.studio import add_studio, needs_light
 from ..render.memory import free_memory
 from ..rig.build import add_hand
 from ..rig.hand import RiggedHand
 from ..rig.pose import write_theta, write_transl
 from ..scene.settings import use_livehand
-from .mixins import OnHand, reports_errors
+from .mixins import SIDES, OnHand, reports_errors
 
 
 class LIVEHAND_OT_add_hand(bpy.types.Operator):
@@ -25,25 +24,32 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
     bl_label = "LiveHand Hand"
     bl_options = {"REGISTER", "UNDO"}
 
-    side: EnumProperty(
-        name="Side", items=(("right", "Right", "A right hand"), ("left", "Left", "A left hand")), default="right"
-    )
+    side: EnumProperty(name="Side", items=SIDES, default="right")
     model_path: StringProperty(
         name="Hand Model",
         description="A hand in MANO's format (.npz, or MANO's own .pkl); empty for the built-in hand",
         subtype="FILE_PATH",
     )
     studio: BoolProperty(
-        name="Studio Lights", description="Light it as a photographer would: key, fill and rim lamps, and a dim world"
+        name="Studio Lights",
+        description="Light it as a photographer would: key, fill and rim lights, and a dim world; proposed where the "
+        "scene has no light",
     )
+    frame: BoolProperty(name="Frame in View", description="Turn the 3D view to the new hand", default=True)
 
     @classmethod
     def poll(cls, context):
         """Enable it if the collection is local."""
         if context.collection.library is not None or context.scene.library is not None:
-            cls.poll_message_set("the active collection is linked from another file; choose a local one")
+            cls.poll_message_set("The active collection is linked from another file; choose a local one")
             return False
         return True
+
+    def invoke(self, context, event):
+        """Propose Studio Lights where hands would be dark."""
+        if not self.properties.is_property_set("studio"):
+            self.studio = needs_light(context.scene, context.view_layer)
+        return self.execute(context)
 
     @reports_errors
     def execute(self, context):
@@ -56,7 +62,9 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
         if self.studio:
             context.view_layer.update()
             add_studio(context, armature)
-        self.report({"INFO"}, "Added a life-size hand; View > Frame Selected shows it")
+        context.view_layer.update()
+        is_framed = self.frame and frame_in_view(context)
+        self.report({"INFO"}, "Added a life-size hand" + ("" if is_framed else "; View > Frame Selected shows it"))
 
 
 class LIVEHAND_OT_reset_pose(OnHand, bpy.types.Operator):
@@ -87,29 +95,6 @@ class LIVEHAND_OT_set_engine(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class LIVEHAND_OT_copy_install_command(bpy.types.Operator):
-    """Copy the command that installs the missing Python packages; LiveHand itself installs nothing."""
-
-    bl_idname = "livehand.copy_install_command"
-    bl_label = "Copy Install Command"
-    bl_options = {"INTERNAL"}
-
-    @classmethod
-    def poll(cls, context):
-        """Enable it while a package is missing."""
-        if not missing_requirements():
-            cls.poll_message_set("no package is missing")
-            return False
-        return True
-
-    def execute(self, context):
-        """Copy the command to the clipboard, and report it."""
-        command = install_command(missing_requirements(), packages_folder())
-        context.window_manager.clipboard = command
-        self.report({"INFO"}, f"Copied: {command}")
-        return {"FINISHED"}
-
-
 class LIVEHAND_OT_free_memory(bpy.types.Operator):
     """Unload the avatars and free their memory, including the GPU's; the next render loads them again."""
 
@@ -128,5 +113,4 @@ CLASSES = (
     LIVEHAND_OT_reset_pose,
     LIVEHAND_OT_set_engine,
     LIVEHAND_OT_free_memory,
-    LIVEHAND_OT_copy_install_command,
 )

@@ -7,25 +7,27 @@ import bpy
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, forearm_name, target_name
 from ..rig.armature import COLLECTIONS
 from ..rig.sliders import FINGER_SLIDERS, SLIDERS, slider_path
-from .mixins import HandTab, polled_hand
+from .mixins import OfHand, Tab, polled_hand
 from .pose_library import is_library_added
 from .posing import FINGER_LABELS, has_controls
 
-# A fifth of a narrow tab has room for no more.
-_SHORT_LABELS = FINGER_LABELS | {"thumb": "Thu.", "middle": "Mid."}
+# A fifth of a narrow tab has no room for a word; the tooltip has it.
+_SHORT_LABELS = {finger: label[0] for finger, label in FINGER_LABELS.items()}
 # Empty rows above each finger, by how much lower its tip is than the middle finger's.
 _LOWER_ROWS = {"thumb": 2.2, "index": 0.4, "middle": 0.0, "ring": 0.3, "pinky": 1.2}
 
 
-class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
+class LIVEHAND_PT_posing(OfHand, Tab, bpy.types.Panel):
     """Bones and controls of the active hand."""
 
-    bl_label = "Posing"
+    bl_label = "Pose"
+    bl_order = 1
 
     def draw(self, context):
         """Draw the picker above, sliders below."""
         if not has_controls(context):
-            self.layout.label(text="Made without finger controls; add a new hand", icon="INFO")
+            self.layout.label(text="No Finger Controls", icon="INFO")
+            self.layout.operator("livehand.add_hand", text="Add Hand", icon="VIEW_PAN")
             return
         armature = polled_hand(context)
         if not is_library_added(context):  # at the top, because it would be overlooked below the sliders
@@ -39,6 +41,7 @@ class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
         row = self.layout.row(align=True)
         row.operator("livehand.snap_ik_to_fk", text="FK > IK").finger = "all"
         row.operator("livehand.snap_fk_to_ik", text="IK > FK").finger = "all"
+        self.layout.operator("livehand.apply_sliders")
 
 
 CLASSES = (LIVEHAND_PT_posing,)

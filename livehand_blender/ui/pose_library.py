@@ -40,7 +40,7 @@ class LIVEHAND_OT_add_pose_library(bpy.types.Operator):
     def poll(cls, context):
         """Disable it once the library is added."""
         if is_library_added(context):
-            cls.poll_message_set("the library is already among your asset libraries")
+            cls.poll_message_set("The library is already among your asset libraries")
             return False
         return True
 

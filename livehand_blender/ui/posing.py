@@ -13,7 +13,7 @@ from ...backend.records.errors import LiveHandError
 from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik, move_targets_to_fingertips
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.keyframes import hand_channels, key_finger, key_hand
-from ..rig.pose import mirror_pose
+from ..rig.pose import apply_sliders, mirror_pose
 from ..rig.selection import select_bones, selected_bones
 from ..rig.sliders import read_slider
 from .mixins import polled_hand, reports_errors
@@ -39,7 +39,7 @@ class _OnControls:
     def poll(cls, context):
         """Enable it on a hand that has finger controls."""
         if not has_controls(context):
-            cls.poll_message_set("select a LiveHand hand with finger controls first")
+            cls.poll_message_set("Select a LiveHand hand with finger controls first")
             return False
         return True
 
@@ -144,6 +144,21 @@ class LIVEHAND_OT_mirror_pose(_OnControls, bpy.types.Operator):
         self.report({"INFO"}, f"Posed {other.armature.name}")
 
 
+class LIVEHAND_OT_apply_sliders(_OnControls, bpy.types.Operator):
+    """Turn the bones as sliders and IK turn them, and set these to zero: Copy Pose copies bones alone."""
+
+    bl_idname = "livehand.apply_sliders"
+    bl_label = "Apply Sliders to Bones"
+
+    @reports_errors
+    def execute(self, context):
+        """Pose the bones, and key them if automatic keying is on."""
+        hand = RiggedHand.active(context)
+        apply_sliders(hand, context.evaluated_depsgraph_get())
+        if context.scene.tool_settings.use_keyframe_insert_auto:
+            key_hand(hand, context.scene.frame_current)
+
+
 def _other_hand(context: bpy.types.Context, hand: RiggedHand) -> RiggedHand:
     """Find the nearest hand of the other side that can be posed."""
     others = [one for one in RiggedHand.all_in(context.scene) if one.side != hand.side and one.armature.is_editable]
@@ -193,6 +208,7 @@ CLASSES = (
     LIVEHAND_OT_snap_ik_to_fk,
     LIVEHAND_OT_snap_fk_to_ik,
     LIVEHAND_OT_mirror_pose,
+    LIVEHAND_OT_apply_sliders,
     LIVEHAND_OT_key_hand,
     LIVEHAND_KS_hand,
 )

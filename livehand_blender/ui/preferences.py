@@ -1,4 +1,4 @@
-"""Preferences of the add-on: a folder of avatars, and which Python packages are installed."""
+"""Preferences of the add-on: a folder of avatars, where packages come from, and which are installed."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import bpy
 from bpy.props import StringProperty
 
 from ...backend.system.packages import REQUIREMENTS, is_installed
+from ...backend.system.shells import shells_of
+from ..render.package_folder import released_index
 
 # `bl_ext.<repository>.livehand` for an extension, `livehand` for a pip package.
 _ADDON = (__package__ or "").removesuffix(".livehand_blender.ui")
@@ -19,19 +21,30 @@ class LIVEHAND_AP_preferences(bpy.types.AddonPreferences):
     bl_idname = _ADDON
 
     avatar_folder: StringProperty(
-        name="Avatars",
+        name="Avatar Folder",
         description="Folder of your own avatars (.safetensors), which Choose Avatar lists beside LiveHand's",
         subtype="DIR_PATH",
     )
+    package_index: StringProperty(
+        name="Package Index",
+        description="Address that pip asks beside its own: PyTorch's index for CPUs saves gigabytes of CUDA on Linux",
+        default=released_index(),
+    )
 
     def draw(self, context):
-        """Draw the folder, one line per package, and how to install missing ones."""
+        """Draw the folder, the missing packages, and how to install them here or in a terminal."""
         self.layout.prop(self, "avatar_folder")
+        missing = [requirement.module for requirement in REQUIREMENTS if not is_installed(requirement)]
+        if not missing:
+            self.layout.label(text="All Python packages are installed", icon="CHECKMARK")
+            return
+        self.layout.prop(self, "package_index")
         column = self.layout.column(align=True)
-        installed = {requirement.module: is_installed(requirement) for requirement in REQUIREMENTS}
-        for module, found in installed.items():
-            column.label(text=f"{module}: {'found' if found else 'missing'}", icon="CHECKMARK" if found else "ERROR")
-        draw_install_help(self.layout, missing=not all(installed.values()))
+        column.label(text=f"Missing: {', '.join(missing)}", icon="ERROR")
+        column.operator("livehand.install_packages", icon="IMPORT").purpose = "RENDER"
+        for shell in shells_of():
+            text = f"Copy Command for {shell.value}"
+            column.operator("livehand.copy_install_command", text=text, icon="COPYDOWN").shell = shell.name
 
 
 CLASSES = (LIVEHAND_AP_preferences,)
@@ -53,12 +66,7 @@ def library_folder(context: bpy.types.Context) -> Path:
     return folder
 
 
-def draw_install_help(layout: bpy.types.UILayout, missing: bool) -> None:
-    """Draw how to install missing packages; draws nothing if none is missing."""
-    if not missing:
-        return
-    column = layout.column(align=True)
-    column.label(text="Python packages are missing:", icon="INFO")
-    column.label(text="run the copied command in a")
-    column.label(text="terminal, then restart Blender.")
-    column.operator("livehand.copy_install_command", icon="COPYDOWN")
+def package_index(context: bpy.types.Context) -> str:
+    """Return the index of packages that pip asks beside its own; empty if there is none."""
+    addon = context.preferences.addons.get(_ADDON)
+    return addon.preferences.package_index.strip() if addon and addon.preferences else released_index()

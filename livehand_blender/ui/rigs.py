@@ -1,4 +1,4 @@
-"""The panel *Other Rig*: a hand driven by another armature, live or baked."""
+"""The panel *Retarget*: a hand driven by another armature, live or baked."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class _OnRig(OnHand):
         if not super().poll(context):
             return False
         if not _has_rig(polled_hand(context)):
-            cls.poll_message_set("choose the other rig's armature first")
+            cls.poll_message_set("Choose the other rig's armature first")
             return False
         return True
 
@@ -45,7 +45,7 @@ class LIVEHAND_OT_guess_bones(_OnRig, bpy.types.Operator):
     """Find the hand's bones in the other rig by their names, or otherwise by their shape."""
 
     bl_idname = "livehand.guess_bones"
-    bl_label = "Guess Bones"
+    bl_label = "Detect Bones"
 
     def execute(self, context):
         """Fill in the fields."""
@@ -84,7 +84,7 @@ class LIVEHAND_OT_bake_rig(_OnRig, FrameRange, bpy.types.Operator):
     """Key the hand with the other rig's motion in a range of frames."""
 
     bl_idname = "livehand.bake_rig"
-    bl_label = "Bake Other Rig"
+    bl_label = "Bake Retargeted Motion"
 
     def invoke(self, context, event):
         """Ask for the frames."""
@@ -120,7 +120,7 @@ class LIVEHAND_OT_stop_following(OnHand, bpy.types.Operator):
         if not super().poll(context):
             return False
         if not is_following(polled_hand(context)):
-            cls.poll_message_set("the hand follows no other rig")
+            cls.poll_message_set("The hand follows no other rig")
             return False
         return True
 
@@ -133,8 +133,7 @@ class LIVEHAND_OT_stop_following(OnHand, bpy.types.Operator):
 class LIVEHAND_PT_other_rig(HandTab, bpy.types.Panel):
     """The rig that drives the active hand."""
 
-    bl_label = "Other Rig"
-    bl_options = {"DEFAULT_CLOSED"}
+    bl_label = "Retarget"
 
     def draw(self, context):
         """Draw the choice of the rig, and the operators."""

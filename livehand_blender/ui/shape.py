@@ -72,13 +72,18 @@ class LIVEHAND_OT_match_measurements(OnHand, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     length_mm: FloatProperty(
-        name="Length (mm)",
+        name="Length",
+        subtype="DISTANCE_CAMERA",
         description="From the wrist to the tip of the straight middle finger",
         default=187.0,
         min=1.0,
     )
     breadth_mm: FloatProperty(
-        name="Breadth (mm)", description="Across the knuckles, without the thumb", default=77.0, min=1.0
+        name="Breadth",
+        subtype="DISTANCE_CAMERA",
+        description="Across the knuckles, without the thumb",
+        default=77.0,
+        min=1.0,
     )
 
     def invoke(self, context, event):
@@ -91,7 +96,7 @@ class LIVEHAND_OT_match_measurements(OnHand, bpy.types.Operator):
         hand = RiggedHand.active(context)
         beta = fit_beta(hand.model, self.length_mm / 1e3, self.breadth_mm / 1e3)
         if np.abs(beta).max() > 3:
-            self.report({"WARNING"}, "the shape is far from the mean shape; avatars look best near it")
+            self.report({"WARNING"}, "The shape is far from the mean shape; avatars look best near it")
         set_beta(hand, beta)
 
 

@@ -2,13 +2,13 @@
 
 import bpy
 
-from ..light.studio import add_studio, has_studio, needs_lamps, remove_studio
+from ..light.studio import add_studio, has_studio, needs_light, remove_studio
 from ..rig.hand import active_hand
 from .mixins import reports_errors
 
 
 class LIVEHAND_OT_add_studio(bpy.types.Operator):
-    """Light the hand as a photographer would, from where the camera is: key, fill and rim lamps, and a dim world."""
+    """Light the hand as a photographer would, from where the camera is: key, fill and rim lights, and a dim world."""
 
     bl_idname = "livehand.add_studio"
     bl_label = "Studio Lights"
@@ -18,7 +18,7 @@ class LIVEHAND_OT_add_studio(bpy.types.Operator):
     def poll(cls, context):
         """Enable it if the scene is local."""
         if context.scene.library is not None:
-            cls.poll_message_set("the scene is linked from another file; make it local first")
+            cls.poll_message_set("The scene is linked from another file; make it local first")
             return False
         return True
 
@@ -29,7 +29,7 @@ class LIVEHAND_OT_add_studio(bpy.types.Operator):
 
 
 class LIVEHAND_OT_remove_studio(bpy.types.Operator):
-    """Remove the studio's lamps, and bring back the world before it."""
+    """Remove the studio's lights, and bring back the world before it."""
 
     bl_idname = "livehand.remove_studio"
     bl_label = "Remove Studio Lights"
@@ -49,8 +49,8 @@ class LIVEHAND_OT_remove_studio(bpy.types.Operator):
 def draw_studio(layout: bpy.types.UILayout, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> None:
     """Draw the buttons, if the scene's light falls on the hands, and say so if there is hardly any."""
     if scene.livehand.light == "SCENE":
-        if needs_lamps(scene, view_layer):
-            layout.label(text="No lamps: hands are dark", icon="INFO")
+        if needs_light(scene, view_layer):
+            layout.label(text="No Light: Hands Are Dark", icon="INFO")
         row = layout.row(align=True)
         row.operator("livehand.add_studio", icon="LIGHT_AREA")
         if has_studio(scene):

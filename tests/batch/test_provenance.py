@@ -30,7 +30,12 @@ def test_a_record_has_the_camera_and_every_hand(tmp_path):
         "shot": str(Path("wave.blend").resolve()),
         "frame": 7,
         "size_px": [8, 6],
-        "camera": {"K": camera.K.tolist(), "cam2world": np.eye(4).tolist(), "size_px": [4, 3]},
+        "camera": {
+            "K": camera.K.tolist(),
+            "cam2world": np.eye(4).tolist(),
+            "size_px": [4, 3],
+            "projection": "perspective",
+        },
         "hands": [
             {
                 "side": "left",

@@ -36,7 +36,8 @@ class FakeRenderer:
         radius = np.linalg.norm(shot.vertices - middle, axis=1).max()
         pixel, depth = shot.camera.project(middle)
         away_px = np.hypot(columns - pixel[0], rows - pixel[1])
-        alpha = np.clip(1.5 - away_px / (shot.camera.K[0, 0] * radius / depth), 0, 1)
+        radius_px = shot.camera.K[0, 0] * radius / (1 if shot.camera.is_orthographic else depth)
+        alpha = np.clip(1.5 - away_px / radius_px, 0, 1)
         rgb = (0.5 + 0.5 * directions / np.linalg.norm(directions, axis=-1, keepdims=True)) * alpha[..., None]
         depth_map = np.where(alpha > 0, depth, DEPTH_BACKGROUND)
         return Frame(rgb.astype(np.float32), alpha.astype(np.float32), depth_map.astype(np.float32))

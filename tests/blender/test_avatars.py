@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.avatars.file import load_avatar, save_avatar
-from livehand.backend.avatars.library import SKINS, shipped_avatar_path
+from livehand.backend.avatars.library import PERSONS, SKINS, shipped_avatar_path
 from livehand.backend.avatars.metadata import read_metadata
 from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender.render.hand_source import hand_source
@@ -97,13 +97,18 @@ def test_unsuitable_avatars_are_refused_and_nothing_changes(right_hand, my_folde
     assert (right_hand.livehand.skin, right_hand.livehand.avatar_path) == ("light", "")
 
 
+def test_people_are_called_the_same_everywhere(right_hand):
+    items = right_hand.livehand.bl_rna.properties["skin"].enum_items
+    assert {item.identifier: item.name for item in items} == PERSONS
+
+
 def test_facts_describe_the_avatar(my_folder):
     metadata = read_metadata(shipped_avatar_path())
     lines = facts(metadata)
-    assert lines[:2] == ("light", "Licence: GPL-3.0-or-later")
+    assert lines[:2] == ("Erik", "License: GPL-3.0-or-later")
     assert lines[2:5] == metadata.figures
     unknown = facts(replace(metadata, licence="", figures=(), made_from=""))
-    assert unknown == ("light", "Licence: not stated", "not measured (livehand evaluate --record)")
+    assert unknown == ("Erik", "License: not stated", "not measured (livehand evaluate --record)")
 
 
 def of_person(avatar, beta):

@@ -113,8 +113,8 @@ def no_camera(scene, path):
     bpy.ops.wm.save_mainfile()
 
 
-def orthographic(scene, path):
-    scene.camera.data.type = "ORTHO"
+def panoramic(scene, path):
+    scene.camera.data.type = "PANO"
     bpy.ops.wm.save_mainfile()
 
 
@@ -131,7 +131,7 @@ def missing(scene, path):
     [
         (no_hand, "frame 1: a render needs a LiveHand hand"),
         (no_camera, "frame 1: a render needs a camera"),
-        (orthographic, "perspective cameras only"),
+        (panoramic, "perspective and orthographic cameras only"),
         (not_a_blend, "must be a .blend file"),
         (missing, "no file at"),
     ],

@@ -276,6 +276,20 @@ def shape_of(tree):
     return nodes, links
 
 
+def test_a_plain_render_at_the_output_is_replaced(hand_scene, wall_scene):
+    """With *Use Nodes* Blender connects one, on whose place the button is pressed."""
+    tree = compositor_of(hand_scene)
+    tree.nodes.clear()
+    render, reroute = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("NodeReroute")
+    tree.links.new(render.outputs["Image"], reroute.inputs[0])
+    tree.links.new(reroute.outputs[0], output_input(tree))
+    bpy.ops.livehand.setup_compositing(behind="Wall")
+    assert output_input(tree).links[0].from_node.bl_idname == "CompositorNodeAlphaOver"
+    tree.links.new(render.outputs["Alpha"], output_input(tree))  # the user's own choice
+    bpy.ops.livehand.setup_compositing(behind="Wall")
+    assert output_input(tree).links[0].from_node == render
+
+
 def test_the_users_nodes_keep_the_output_until_replaced(users_tree):
     before = {node.name: tuple(node.location) for node in users_tree.nodes}
     bpy.ops.livehand.setup_compositing()

@@ -159,8 +159,8 @@ def no_camera(scene):
     scene.camera = None
 
 
-def orthographic(scene):
-    scene.camera.data.type = "ORTHO"
+def panoramic(scene):
+    scene.camera.data.type = "PANO"
 
 
 def no_hand(scene):
@@ -177,7 +177,7 @@ def missing_avatar(scene):
     ("spoil", "message"),
     [
         (no_camera, "camera"),
-        (orthographic, "perspective cameras only"),
+        (panoramic, "perspective and orthographic cameras only"),
         (no_hand, "needs a LiveHand hand"),
         (missing_avatar, "no file at"),
     ],
@@ -193,6 +193,17 @@ def test_an_error_stops_the_render_with_its_message(
     with pytest.raises(RuntimeError, match=message):
         bpy.ops.render.render(write_still=True)
     assert not list(tmp_path.iterdir())
+
+
+def test_depth_of_field_of_an_orthographic_camera_is_an_error_with_a_remedy(hand_scene, fake_session, tmp_path):
+    hand_scene.render.filepath = str(tmp_path / "still.png")
+    lens = hand_scene.camera.data
+    lens.type, lens.dof.use_dof = "ORTHO", True
+    with pytest.raises(RuntimeError, match="turn its depth of field off"):
+        bpy.ops.render.render(write_still=True)
+    lens.dof.use_dof = False
+    bpy.ops.render.render(write_still=True)
+    assert fake_session.made[-1].shots[-1].camera.is_orthographic
 
 
 def test_an_unexpected_exception_stops_an_animation(hand_scene, fake_session, fake_renderer, tmp_path, monkeypatch):

@@ -1,6 +1,5 @@
 """The extension's zip: built and checked by Blender's own tool, installed into an empty user folder, and rendering."""
 
-import ast
 import os
 import subprocess
 import sys
@@ -9,6 +8,9 @@ from pathlib import Path, PurePosixPath
 
 import bpy
 import pytest
+from livehand.backend.system.packages import REQUIREMENTS
+from livehand.tools.release.check import import_faults
+from livehand.tools.release.imports import imports_of
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
@@ -79,36 +81,26 @@ def test_nothing_in_the_zip_trains_or_downloads(zip_path):
 
 def test_everything_that_blender_imports_is_in_the_zip(zip_path):
     """Also what is imported only when it is needed: the imports are read from the source, inside functions too."""
-    imported = import_closure(PurePosixPath("__init__.py"), PurePosixPath("livehand_blender/registration.py"))
+    in_tree = {
+        path.relative_to(ROOT): path for room in ("backend", "livehand_blender") for path in (ROOT / room).rglob("*.py")
+    }
+    sources = {PurePosixPath(*name.parts): path.read_text(encoding="utf-8") for name, path in in_tree.items()}
+    sources[PurePosixPath("__init__.py")] = (ROOT / "__init__.py").read_text(encoding="utf-8")
+    imported = imports_of(sources).modules
     assert PurePosixPath("backend/render/renderer.py") in imported
     assert sorted(imported - names_in(zip_path)) == []
+
+
+def test_a_package_that_livehand_asks_for_brings_each_import(zip_path):
+    """And nothing that only a feature needs is imported before the feature asks for it."""
+    brought = {requirement.module for requirement in REQUIREMENTS} | {"llvmlite"}  # numba's own
+    assert import_faults(zip_path, brought) == []
+    assert any(fault.startswith("torch is imported by") for fault in import_faults(zip_path, brought - {"torch"}))
 
 
 def names_in(zip_path):
     with zipfile.ZipFile(zip_path) as archive:
         return {PurePosixPath(name) for name in archive.namelist()}
-
-
-def import_closure(*modules):
-    """Files of the modules that these import, directly or not, with the packages they lie in."""
-    waiting, found = list(modules), set()
-    while waiting:
-        module = waiting.pop()
-        if module not in found:
-            found.add(module)
-            waiting += [folder / "__init__.py" for folder in module.parents]
-            waiting += relative_imports(module)
-    return found
-
-
-def relative_imports(module):
-    """Files of the modules of the package that one imports by `from .name import name`."""
-    for node in ast.walk(ast.parse((ROOT / module).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            base = module.parents[node.level - 1].joinpath(*(node.module or "").split("."))
-            for path in (base, *(base / alias.name for alias in node.names)):
-                candidates = (path.with_name(f"{path.name}.py") if path.name else path, path / "__init__.py")
-                yield from (file for file in candidates if (ROOT / file).is_file())
 
 
 INSTALL_AND_RENDER = """

@@ -61,8 +61,11 @@ def rgb(channels, name="Combined"):
     return np.stack([channels[f"{name}.{c}"] for c in "RGB"], -1)
 
 
-def test_the_hand_covers_the_wall_behind_it(shot, fake_session, fake_renderer, render):
+@pytest.mark.parametrize("lens", ["PERSP", "ORTHO"])
+def test_the_hand_covers_the_wall_behind_it(shot, fake_session, fake_renderer, render, lens):
+    shot.camera.data.type, shot.camera.data.ortho_scale = lens, 0.6
     channels = render(shot)
+    assert fake_session.made[-1].shots[-1].camera.is_orthographic == (lens == "ORTHO")
     frame = fake_renderer().render(fake_session.made[-1].shots[-1])
     for hand in find_hands(shot):
         mesh_of(hand).visible_camera = False

@@ -41,6 +41,23 @@ def test_after_a_render_in_a_window(hand_scene, fake_session, windowed, wanted, 
     assert len(fake_session.made) == renderers
 
 
+def test_after_a_render_avatars_that_a_view_shows_are_kept(hand_scene, fake_session, windowed):
+    (space,) = [
+        area.spaces.active for area in bpy.context.window_manager.windows[0].screen.areas if area.type == "VIEW_3D"
+    ]
+    bpy.ops.render.render()
+    space.shading.type = "RENDERED"
+    try:
+        bpy.ops.render.render()
+        bpy.ops.render.render()
+        assert len(fake_session.made) == 2
+    finally:
+        space.shading.type = "SOLID"
+    bpy.ops.render.render()
+    bpy.ops.render.render()
+    assert len(fake_session.made) == 3
+
+
 def test_an_animation_loads_once(hand_scene, fake_session, windowed, tmp_path):
     hand_scene.frame_end = 3
     hand_scene.render.filepath = str(tmp_path / "f_")

@@ -216,6 +216,35 @@ def test_several_files_of_one_frame_are_one_motion(hand, model, tmp_path):
     np.testing.assert_allclose(read(hand, 3).theta, motion.theta[2], atol=1e-5)
 
 
+@pytest.mark.parametrize(("fps", "first"), [(None, 21), (12.0, 41), (48.0, 11)])
+def test_a_hand_that_comes_late_is_keyed_late(hand, model, tmp_path, fps, first):
+    bpy.context.scene.render.fps = 24
+    motion = motion_of(model.side)
+    for index in range(26):
+        poses = np.concatenate([motion.theta[index % 6].ravel(), motion.transl[index % 6]])
+        (tmp_path / f"labels_{index:04d}.npz").unlink(missing_ok=True)
+        np.savez(tmp_path / f"labels_{index:04d}.npz", pose_m=np.zeros((1, 51)) if index < 20 else poses[None])
+    mano = tmp_path / "mano.npz"
+    np.savez(mano, hands_mean=np.zeros(45), hands_components=np.eye(45))
+    files = [{"name": f"labels_{index:04d}.npz"} for index in range(26)]
+    options = {"fps": fps} if fps else {"match_fps": False}
+    bpy.ops.livehand.import_motion(
+        directory=str(tmp_path),
+        files=files,
+        start_frame=1,
+        mano_path=str(mano),
+        side=model.side,
+        space="hand",
+        **options,
+    )
+    keyed = hand.animation_data.action.frame_range
+    assert keyed[0] == first
+    wanted = motion.theta[20 % 6].copy()
+    if model.side == "left":  # DexYCB's components are MANO's right ones, mirrored
+        wanted[1:] *= MIRROR_AXIS_ANGLE
+    np.testing.assert_allclose(axis_angle_to_matrix(read(hand, first).theta), axis_angle_to_matrix(wanted), atol=1e-4)
+
+
 def test_a_failed_import_changes_nothing(hand, model, tmp_path):
     before = read(hand, 1)
     actions = len(bpy.data.actions)
@@ -266,6 +295,10 @@ class Layout:
 
     def column(self, align=False):
         return self
+
+    def panel(self, name, default_closed=False):
+        assert default_closed
+        return self, self
 
     def label(self, text):
         self.drawn.append(text)

@@ -1,13 +1,8 @@
-import sys
-from types import SimpleNamespace
-
 import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
-from livehand.backend.system import packages as dependencies
-from livehand.livehand_blender.render import hand_source
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
@@ -95,7 +90,7 @@ def test_reset_pose_rests_the_hand_and_keeps_its_shape():
 
 
 def test_reset_pose_works_from_the_mesh_and_reports_errors():
-    with pytest.raises(RuntimeError, match="select a LiveHand hand first"):
+    with pytest.raises(RuntimeError, match="Select a LiveHand hand first"):
         bpy.ops.livehand.reset_pose()
     hand = add_hand(bpy.context, load_default_hand())
     bpy.context.view_layer.objects.active = mesh_of(hand)
@@ -118,27 +113,6 @@ def test_set_engine_keeps_a_format_without_alpha():
     bpy.context.scene.render.image_settings.file_format = "JPEG"
     use_livehand(bpy.context.scene)
     assert bpy.context.scene.render.image_settings.file_format == "JPEG"
-
-
-def test_install_command_names_python_target_and_packages(monkeypatch):
-    fake = dependencies.Requirement("no_such_module_of_livehand", "fake>=1")
-    monkeypatch.setattr(dependencies, "REQUIREMENTS", (*dependencies.REQUIREMENTS, fake))
-    assert fake in dependencies.missing_requirements()
-    command = dependencies.install_command((fake,))
-    assert command == f'"{sys.executable}" -P -m pip install "fake>=1" "numpy=={np.__version__}"'
-    assert hand_source.packages_folder() is None
-    monkeypatch.setattr(
-        hand_source, "bpy", SimpleNamespace(utils=bpy.utils, app=SimpleNamespace(binary_path="blender"))
-    )
-    target = bpy.utils.user_resource("SCRIPTS", path="modules")
-    command = dependencies.install_command((fake,), hand_source.packages_folder())
-    assert f'pip install --target "{target}" "fake>=1"' in command
-
-
-def test_the_install_command_is_disabled_when_nothing_is_missing(monkeypatch):
-    monkeypatch.setattr(dependencies, "REQUIREMENTS", dependencies.REQUIREMENTS[:0])
-    with pytest.raises(RuntimeError, match="no package is missing"):
-        bpy.ops.livehand.copy_install_command()
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

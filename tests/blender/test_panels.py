@@ -10,12 +10,11 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.system import packages as dependencies
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.sliders import SLIDERS
-from livehand.livehand_blender.ui import avatars, compositing, hand_model, motion, panels, picker
+from livehand.livehand_blender.ui import avatars, compositing, hand_model, look, motion, panels, picker, video
 from livehand.livehand_blender.ui import rigs as retarget
-from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 
 UI = bpy.types.UILayout.bl_rna.functions
-MODULES = (avatars, hand_model, motion, panels, picker, retarget)
+MODULES = (avatars, hand_model, look, motion, panels, picker, retarget, video)
 PANELS = [
     cls
     for one in MODULES
@@ -72,6 +71,11 @@ class Layout:
         self.drawn.append(arguments["text"])
         self.parts.append((arguments["text"], "icon" in arguments))
 
+    def progress(self, **arguments):
+        check_arguments("progress", arguments)
+        self.drawn.append((arguments["text"], arguments["factor"]))
+        self.parts.append((arguments["text"], False))
+
     def prop(self, owner, name, **arguments):
         check_arguments("prop", arguments)
         assert name in owner.bl_rna.properties or owner.path_resolve(name) is not None
@@ -88,7 +92,8 @@ class Layout:
 
     def operator(self, name, **arguments):
         check_arguments("operator", arguments)
-        rna = getattr(bpy.ops.livehand, name.partition(".")[2]).get_rna_type()
+        module, _, function = name.partition(".")
+        rna = getattr(getattr(bpy.ops, module), function).get_rna_type()
         self.drawn.append(name)
         self.parts.append((arguments.get("text", rna.name), "icon" in arguments))
         return OperatorSettings(rna, self.drawn)
@@ -139,16 +144,17 @@ def clipped(layout, width_px=NARROW_PX):
 
 
 def test_without_a_hand_the_tab_offers_to_add_one():
-    assert "livehand.add_hand" in draw(panels.LIVEHAND_PT_hand)
+    assert draw(panels.LIVEHAND_PT_hand) == ["livehand.new_hand_scene", "livehand.add_hand"]
+    assert draw(panels.LIVEHAND_PT_advanced) == []
     assert not panels.LIVEHAND_PT_shape.poll(bpy.context)
 
 
 def test_a_hand_shows_its_avatar_and_a_choice():
     hand = add_hand(bpy.context, load_default_hand())
     drawn = draw(avatars.LIVEHAND_PT_avatar)
-    assert drawn[:2] == ["light", "Licence: GPL-3.0-or-later"]
-    assert drawn[-3:] == ["skin", "avatar_path", "livehand.person_from_pictures"]
-    assert "LIVEHAND_PT_choose_avatar" in draw(panels.LIVEHAND_PT_hand)
+    assert drawn[:2] == ["Erik", "License: GPL-3.0-or-later"]
+    assert drawn[-2:] == ["skin", "avatar_path"]
+    assert draw(panels.LIVEHAND_PT_hand) == ["LiveHand", "LIVEHAND_PT_choose_avatar", "livehand.person_from_pictures"]
     offered = draw(avatars.LIVEHAND_PT_choose_avatar)
     assert offered[:6:2] == ["livehand.wear_avatar"] * 3
     assert [Path(path).stem for path in offered[1:6:2]] == ["light", "middle", "deep"]
@@ -160,9 +166,9 @@ def test_a_hand_shows_its_avatar_and_a_choice():
 def test_the_panel_reports_a_missing_avatar():
     add_hand(bpy.context, load_default_hand()).livehand.avatar_path = "/nowhere/a.safetensors"
     drawn = draw(avatars.LIVEHAND_PT_avatar)
-    assert "/nowhere/a.safetensors" in "".join(drawn[:-3])
+    assert "/nowhere/a.safetensors" in "".join(drawn[:-2])
     assert "LIVEHAND_PT_choose_avatar" in draw(panels.LIVEHAND_PT_hand)
-    assert drawn[-2:] == ["avatar_path", "livehand.person_from_pictures"]
+    assert drawn[-1] == "avatar_path"
 
 
 def test_a_hand_shows_ten_sliders():
@@ -188,8 +194,7 @@ def test_a_hand_without_its_control_bones_shows_why_it_has_no_picker():
     bpy.ops.object.mode_set(mode="EDIT")
     hand.data.edit_bones.remove(hand.data.edit_bones["IK-index.R"])
     bpy.ops.object.mode_set(mode="OBJECT")
-    (message,) = draw(picker.LIVEHAND_PT_posing)
-    assert "without finger controls" in message
+    assert draw(picker.LIVEHAND_PT_posing) == ["No Finger Controls", "livehand.add_hand"]
 
 
 def test_a_hand_can_be_matched_to_a_plate():
@@ -209,17 +214,33 @@ def test_the_compositor_offers_both_set_ups():
 def test_the_render_panel_offers_the_engine_until_it_is_set():
     assert "livehand.set_engine" in draw(panels.LIVEHAND_PT_render)
     bpy.ops.livehand.set_engine()
-    assert draw(panels.LIVEHAND_PT_render)[:5] == ["mode", "light", "blur_samples", "device", "precision"]
-    assert {"skin_detail", "keep_look"} <= set(draw(panels.LIVEHAND_PT_render))
+    assert draw(panels.LIVEHAND_PT_render) == ["mode", "blur_samples", "skin_detail", "keep_look"]
+    performance = ["device", "precision", "free_after_render", "livehand.free_memory"]
+    assert draw(panels.LIVEHAND_PT_performance) == performance
 
 
-@pytest.mark.parametrize("panel", [panels.LIVEHAND_PT_render, LIVEHAND_AP_preferences])
-def test_missing_packages_are_named_with_a_way_to_install_them(panel, monkeypatch):
-    assert "livehand.copy_install_command" not in draw(panel)
-    fake = dependencies.Requirement("no_such_module_of_livehand", "fake>=1")
-    monkeypatch.setattr(dependencies, "REQUIREMENTS", (fake,))
-    monkeypatch.setattr("livehand.livehand_blender.ui.preferences.REQUIREMENTS", (fake,))
-    assert "livehand.copy_install_command" in draw(panel)
+def test_the_light_panel_says_where_there_is_none():
+    assert draw(panels.LIVEHAND_PT_light) == ["light", "No Light: Hands Are Dark", "livehand.add_studio"]
+    bpy.ops.livehand.add_studio()
+    assert draw(panels.LIVEHAND_PT_light) == ["light", "livehand.add_studio", "livehand.remove_studio"]
+
+
+def test_the_tab_is_avatar_pose_light_render_and_all_else_is_advanced():
+    of_tab = [
+        one
+        for one in bpy.types.Panel.__subclasses__()
+        if getattr(one, "bl_category", "") == "LiveHand" and one.bl_space_type == "VIEW_3D" and one.bl_label
+    ]
+    shown = [one for one in of_tab if "INSTANCED" not in getattr(one, "bl_options", ())]
+    top = sorted((one for one in shown if not hasattr(one, "bl_parent_id")), key=lambda one: one.bl_order)
+    assert [one.bl_label for one in top] == ["Avatar", "Pose", "Light", "Render", "Advanced"]
+    assert [one.bl_label for one in top if "DEFAULT_CLOSED" in getattr(one, "bl_options", ())] == ["Advanced"]
+    below = {one.bl_label for one in shown if getattr(one, "bl_parent_id", "") == "LIVEHAND_PT_advanced"}
+    assert below == {
+        "Shape", "Match Plate", "Performance", "Avatar Details", "Mesh Texture", "Motion", "Video", "Retarget",
+        "Custom Hand",
+    }  # fmt: skip
+    assert all("DEFAULT_CLOSED" in one.bl_options for one in shown if hasattr(one, "bl_parent_id"))
 
 
 @pytest.mark.parametrize(
@@ -234,7 +255,7 @@ def test_a_film_that_hides_the_scenes_world_is_pointed_out(mode, is_transparent,
 def test_the_add_menu_has_an_entry():
     drawn = []
     panels._draw_add(SimpleNamespace(layout=Layout(drawn)), bpy.context)
-    assert drawn == ["livehand.add_hand"]
+    assert drawn == ["livehand.add_hand", "livehand.new_hand_scene"]
 
 
 @pytest.mark.parametrize("panel", PANELS, ids=lambda panel: panel.__name__)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 from livehand.backend.avatars.library import shipped_avatar_path
-from livehand.backend.person.job import PersonJob
+from livehand.backend.person.command import start_person
 from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender.render.hand_source import hand_source
 from livehand.livehand_blender.rig.hand import active_hand
@@ -37,11 +37,11 @@ def ends_with(hand_scene, tmp_path, monkeypatch):
     monkeypatch.setattr(person, "library_folder", lambda context: tmp_path)
 
     def ends(report):
-        def start(arguments, output):
+        def start(arguments):
             FakeJob.started = arguments
-            return FakeJob(output=output, report=report)
+            return FakeJob(output=Path(arguments[arguments.index("-o") + 1]), report=report)
 
-        monkeypatch.setattr(person, "PersonJob", SimpleNamespace(start=start))
+        monkeypatch.setattr(person, "start_person", start)
 
     return ends
 
@@ -84,9 +84,7 @@ def test_an_error_changes_nothing(ends_with, tmp_path):
 
 
 def test_the_process_reports_the_commands_error(tmp_path):
-    job = PersonJob.start(
-        [str(tmp_path / "none"), "-o", str(tmp_path / "out.safetensors")], tmp_path / "out.safetensors"
-    )
+    job = start_person([str(tmp_path / "none"), "-o", str(tmp_path / "out.safetensors")])
     job.wait()
     assert not job.is_running
     with pytest.raises(LiveHandError, match="must be a film"):
@@ -94,9 +92,7 @@ def test_the_process_reports_the_commands_error(tmp_path):
 
 
 def test_a_process_that_is_canceled_ends(tmp_path):
-    job = PersonJob.start(
-        [str(tmp_path / "none"), "-o", str(tmp_path / "out.safetensors")], tmp_path / "out.safetensors"
-    )
+    job = start_person([str(tmp_path / "none"), "-o", str(tmp_path / "out.safetensors")])
     job.cancel()
     job.wait()
     with pytest.raises(LiveHandError):

@@ -3,14 +3,14 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.hand.bones import FINGERS, target_name
+from livehand.backend.hand.bones import FINGERS, bone_name, target_name
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
-from livehand.livehand_blender.rig.sliders import write_slider
+from livehand.livehand_blender.rig.sliders import read_slider, write_slider
 
 
 def read(hand):
@@ -185,3 +185,26 @@ def test_bone_shapes_are_made_once_and_are_in_no_scene(hand, model):
     shown = {c.name: {bone.name for bone in c.bones} for c in hand.data.collections if c.is_visible}
     assert {name: len(bones) for name, bones in shown.items()} == {"FK": 17, "IK": 5, "Masters": 5}
     assert {bone.name for bone in hand.pose.bones if bone.custom_shape} == shown["FK"] | shown["IK"] | shown["Masters"]
+
+
+def test_copied_poses_have_the_sliders_once_they_are_applied(hand, model):
+    """Blender's Copy Pose and Paste Pose Flipped know bones alone."""
+    other = add_hand(bpy.context, load_default_hand().for_side("left" if model.side == "right" else "right"))
+    write_slider(hand, "index.curl", 0.8)
+    write_slider(hand, "fist", 0.2)
+    hand.update_tag()
+    wanted = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get())
+    bpy.context.view_layer.objects.active = hand
+    assert bpy.ops.livehand.apply_sliders() == {"FINISHED"}
+    assert (read_slider(hand, "index.curl"), read_slider(hand, "fist")) == (0, 0)
+    hand.update_tag()
+    np.testing.assert_allclose(
+        read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta, wanted.theta, atol=1e-5
+    )
+    for joint in range(1, 16):  # what Paste Pose Flipped does
+        of_joint = hand.pose.bones[bone_name(joint, model.side)].rotation_quaternion
+        w, x, y, z = of_joint
+        other.pose.bones[bone_name(joint, other.livehand.side)].rotation_quaternion = (w, x, -y, -z)
+    other.update_tag()
+    flipped = read_hand_pose(other, bpy.context.evaluated_depsgraph_get())
+    np.testing.assert_allclose(flipped.theta[1:], wanted.mirrored().theta[1:], atol=1e-5)

@@ -57,6 +57,7 @@ def test_the_record_holds_what_the_renderer_got(shot_path, tmp_path, fake_sessio
             "K": shot.camera.K.tolist(),
             "cam2world": shot.camera.cam2world.tolist(),
             "size_px": [48, 64],
+            "projection": "perspective",
         }
         assert record["hands"] == [
             {

@@ -61,6 +61,15 @@ def test_rendered_views_are_stopped_first():
     assert spaces[0].shading.type == "SOLID"
 
 
+def test_no_panel_is_there_twice():
+    """Cycles has its own Visibility, Light, Simplify and more in place of Blender's."""
+    replaced = {"OBJECT_PT_visibility", "DATA_PT_light", "DATA_PT_preview", "RENDER_PT_simplify", "DATA_PT_camera_dof"}
+    replaced |= {"RENDER_PT_post_processing", "NODE_DATA_PT_light", "VIEWLAYER_PT_layer_passes"}
+    assert replaced.isdisjoint(panels_with_our_engine())
+    kept = {"RENDER_PT_format", "DATA_PT_lens", "CYCLES_OBJECT_PT_visibility", "CYCLES_LIGHT_PT_light"}
+    assert kept <= panels_with_our_engine()
+
+
 def test_the_scenes_viewport_samples_are_offered_in_both_modes():
     for mode in ("HAND", "SCENE"):
         bpy.context.scene.livehand.mode = mode

@@ -72,6 +72,20 @@ def test_a_master_bone_curls_and_spreads_its_finger(hand, model, finger):
         assert turned[finger_joints(finger)[0]] @ axis == pytest.approx(math.radians(6), abs=0.02)
 
 
+def test_master_bones_follow_the_wrist(hand, model):
+    """They stay over their fingers' first joints, and read the same turns."""
+    fingers = [(master_name(finger, model.side), bone_name(finger_joints(finger)[0], model.side)) for finger in FINGERS]
+    hand.pose.bones[master_name("index", model.side)].rotation_euler.x = 0.5
+    before = read(hand).theta
+    RiggedHand.of(hand).bone(0).rotation_quaternion = (0.8, 0.1, -0.3, 0.5)
+    after = read(hand).theta
+    np.testing.assert_allclose(after[1:], before[1:], atol=2e-6)
+    bones = hand.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
+    for master, first in fingers:
+        assert (bones[master].head - bones[first].head).length < 1e-6
+    assert (bones[fingers[0][0]].head - bones[fingers[0][0]].bone.head_local).length > 0.01
+
+
 def test_master_bones_play_without_the_add_on(hand, model):
     finger, suffix = bone_name(finger_joints("index")[1], model.side), model.side[0].upper()
     livehand.unregister()

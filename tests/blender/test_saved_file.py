@@ -64,6 +64,18 @@ def test_its_sliders_and_keys_play(opened):
         np.testing.assert_array_equal(pose.beta, SAVED["BETA"])
 
 
+def test_its_master_bones_curl_their_fingers(opened):
+    """They are the root's children there, and do not follow the wrist."""
+    hand = RiggedHand.of(opened)
+    write_theta(hand, np.zeros((16, 3)))
+    opened.pose.bones[f"CTL-index.{hand.side[0].upper()}"].rotation_euler.x = 0.5
+    opened.update_tag()
+    pose = read_pose(hand, bpy.context.evaluated_depsgraph_get())
+    curled = CONTROLS["index.curl"].angles_deg()
+    share = np.rad2deg(0.5) / np.abs(curled).max()
+    np.testing.assert_allclose(pose.theta, theta_of(share * curled, FingerAxes.of_default_hand()), atol=1e-5)
+
+
 def test_its_hand_is_posed_and_rendered(opened, fake_session):
     write_theta(RiggedHand.of(opened), np.zeros((16, 3)))
     bpy.context.scene.livehand.mode = "HAND"

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.capture.node_graph import enable_nodes
-from livehand.livehand_blender.light.studio import add_studio, has_studio, needs_lamps
+from livehand.livehand_blender.light.studio import add_studio, has_studio, needs_light
 from livehand.livehand_blender.rig.build import add_hand
 from mathutils import Vector
 from PIL import Image
@@ -35,19 +35,19 @@ def test_the_operator_adds_lamps_in_a_collection_and_a_dim_world():
 def test_the_tab_asks_for_lamps_where_a_dim_world_alone_lights_the_hands():
     scene, layer = bpy.context.scene, bpy.context.view_layer
     scene.world = None
-    assert needs_lamps(scene, layer)
+    assert needs_light(scene, layer)
     scene.world = bpy.data.worlds.new("As in a new file")
     background = enable_nodes(scene.world).nodes["Background"].inputs["Color"]
     background.default_value = (0.05, 0.05, 0.05, 1)
-    assert needs_lamps(scene, layer)
+    assert needs_light(scene, layer)
     background.default_value = (0.5, 0.5, 0.5, 1)
-    assert not needs_lamps(scene, layer)
+    assert not needs_light(scene, layer)
     scene.world = None
     bpy.ops.livehand.add_studio()
-    assert not needs_lamps(scene, layer)
+    assert not needs_light(scene, layer)
     for lamp in studio_lamps():
         lamp.hide_render = True
-    assert needs_lamps(scene, layer)
+    assert needs_light(scene, layer)
 
 
 def test_removing_keeps_what_the_user_has_added():

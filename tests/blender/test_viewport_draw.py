@@ -7,9 +7,10 @@ import bpy
 import gpu
 import numpy as np
 import pytest
+from livehand.backend.system.child_job import JobProgress
 from livehand.livehand_blender.hands import visible_hands
 from livehand.livehand_blender.render import viewport as viewport_module
-from livehand.livehand_blender.render.viewport import ImageTexture, Pace, Viewport, draw_message
+from livehand.livehand_blender.render.viewport import FreeArea, ImageTexture, Pace, Viewport, draw_message, free_area
 from livehand.livehand_blender.render.viewport_image import ViewportImage
 from livehand.livehand_blender.render.viewport_shared import ViewportShared
 from livehand.livehand_blender.render.viewport_view import Rectangle
@@ -78,11 +79,64 @@ def test_an_image_is_drawn_upright_in_its_box_over_the_view(drawn):
 
 
 def test_a_long_message_is_wrapped_into_the_region(drawn):
-    pixels = drawn(lambda: draw_message("the hand cannot be shown because of this and that " * 2, SIZE_PX[0], 1.0))
+    area = FreeArea(0.0, SIZE_PX[0], SIZE_PX[1] + 80.0)  # its top is not drawn
+    pixels = drawn(lambda: draw_message("the hand cannot be shown because of this and that " * 2, area, 1.0))
     rows, columns = np.nonzero(np.abs(pixels[..., 0] - GROUND) > 0.01)
     assert pixels[..., 0].max() > 0.5
-    assert columns.max() < SIZE_PX[0] - 1
-    assert rows.min() < SIZE_PX[1] - 60
+    assert columns.min() > 0
+    assert columns.max() < area.right - 1
+    assert rows.min() < 40  # below what Blender writes there
+    assert rows.max() > 60
+
+
+@pytest.mark.parametrize("is_overlapping", [True, False])
+def test_messages_avoid_the_regions_that_cover_the_view(context, monkeypatch, is_overlapping):
+    def region(kind, x, y, width, height, alignment="TOP"):
+        return SimpleNamespace(type=kind, x=x, y=y, width=width, height=height, alignment=alignment)
+
+    regions = [region("TOOLS", 100, 50, 40, 500), region("UI", 700, 50, 200, 500), region("HEADER", 100, 640, 800, 30)]
+    hidden = [region("TOOL_HEADER", 100, 1, 800, 1), region("HEADER", 100, 50, 800, 30, "BOTTOM")]
+    context.region = region("WINDOW", 100, 50, 800, 620)
+    context.area = SimpleNamespace(regions=[*regions, *hidden, context.region])
+    system = SimpleNamespace(use_region_overlap=is_overlapping)
+    context.preferences = SimpleNamespace(system=system)
+    assert free_area(context) == ((40, 600, 590) if is_overlapping else (0, 800, 620))
+
+
+def test_while_kernels_are_prepared_the_view_says_so_and_renders_nothing(drawn, context, shared, messages):
+    progress = [JobProgress("Preparing LiveHand (once): 40 of 171", 0.23)]
+    shared.preparation = SimpleNamespace(progress=progress[0])
+    viewport = Viewport(shared)
+    drawn(lambda: show(viewport, Engine(), context, shared))
+    assert set(messages) == {"LiveHand: Preparing LiveHand (once): 40 of 171"}
+    assert not viewport.has_image
+    assert shared.session.made == []
+    shared.preparation = SimpleNamespace(progress=None)
+    drawn(lambda: show(viewport, Engine(), context, shared))
+    drawn(lambda: show(viewport, Engine(), context, shared))
+    assert viewport.has_image
+
+
+def test_a_view_without_light_says_what_to_press(drawn, context, shared, messages):
+    viewport, lamp = Viewport(shared), bpy.data.objects["Sun"]
+    lamp.hide_render = True
+    drawn(lambda: show(viewport, Engine(), context, shared))
+    assert "press Studio Lights" in messages[-1]
+    assert viewport.has_image
+    messages.clear()
+    lamp.hide_render = False
+    bpy.context.view_layer.update()
+    viewport.update(context, bpy.context.evaluated_depsgraph_get())
+    drawn(lambda: show(viewport, Engine(), context, shared))
+    assert [text for text in messages if "Studio" in text] == []
+
+
+@pytest.fixture
+def messages(monkeypatch):
+    """What views write, as it is written."""
+    found = []
+    monkeypatch.setattr(viewport_module, "draw_message", lambda text, area, scale: found.append(text))
+    return found
 
 
 class Engine:
@@ -104,7 +158,9 @@ def shared(fake_session):
 
 @pytest.fixture
 def context(hand_scene):
-    """The hand from before, in a free perspective view."""
+    """The hand from before, in a free perspective view, and a sun."""
+    hand_scene.collection.objects.link(bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN")))
+    bpy.context.view_layer.update()
     camera, depsgraph = hand_scene.camera, bpy.context.evaluated_depsgraph_get()
     view = SimpleNamespace(
         window_matrix=camera.calc_matrix_camera(depsgraph, x=SIZE_PX[0], y=SIZE_PX[1]),
@@ -115,6 +171,7 @@ def context(hand_scene):
     space = next(area.spaces.active for area in areas if area.type == "VIEW_3D")
     return SimpleNamespace(
         region=SimpleNamespace(width=SIZE_PX[0], height=SIZE_PX[1]),
+        area=SimpleNamespace(regions=[]),
         region_data=view,
         space_data=space,
         scene=hand_scene,
@@ -190,7 +247,7 @@ def test_what_stands_before_the_hand_hides_it(drawn, context, shared):
     assert np.all(pixels[..., :3] == GROUND)
 
 
-def test_the_mesh_stands_for_the_hand_until_there_is_an_image_and_in_orthographic_views(drawn, context, shared):
+def test_the_mesh_stands_for_the_hand_until_there_is_an_image_and_where_it_cannot_be_rendered(drawn, context, shared):
     viewport, engine, tagged = Viewport(shared), Engine(), []
     shared.timer.update_meshes = lambda: tagged.append(viewport.has_image)
     depsgraph = bpy.context.evaluated_depsgraph_get()
@@ -199,7 +256,8 @@ def test_the_mesh_stands_for_the_hand_until_there_is_an_image_and_in_orthographi
     assert not viewport.has_image
     drawn(lambda: show(viewport, engine, context, shared))
     assert viewport.has_image
-    orthographic(context)
+    broken_hand(context)
+    viewport.update(context, depsgraph)
     drawn(lambda: viewport.draw(engine, context, depsgraph))
     assert tagged == [True, False]
 
@@ -318,10 +376,6 @@ def missing_avatar(context):
     find_hands(context.scene)[0].livehand.avatar_path = "/missing.safetensors"
 
 
-def orthographic(context):
-    context.region_data.window_matrix = Matrix.Identity(4)
-
-
 def broken_hand(context):
     bone = find_hands(context.scene)[0].pose.bones[3]
     bone.name = "renamed"
@@ -329,11 +383,9 @@ def broken_hand(context):
 
 @pytest.mark.parametrize(
     ("spoil", "words"),
-    [(missing_avatar, "no file at"), (orthographic, "orthographic"), (broken_hand, "must keep its bones' names")],
+    [(missing_avatar, "no file at"), (broken_hand, "must keep its bones' names")],
 )
-def test_errors_are_shown_in_the_view(drawn, context, shared, monkeypatch, spoil, words):
-    messages = []
-    monkeypatch.setattr(viewport_module, "draw_message", lambda text, width_px, scale: messages.append(text))
+def test_errors_are_shown_in_the_view(drawn, context, shared, messages, spoil, words):
     spoil(context)
     pixels = drawn(lambda: show(Viewport(shared), Engine(), context, shared))
     assert words in messages[-1]

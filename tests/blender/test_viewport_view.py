@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender.render.viewport_view import read_view, region_camera
 from livehand.livehand_blender.scene.camera import read_camera
 from mathutils import Matrix
@@ -114,8 +113,18 @@ def test_a_border_outside_the_region_shows_nothing(camera):
     assert read_view(context_of(view, use_render_border=True, **borders), depsgraph) is None
 
 
-@pytest.mark.parametrize(("perspective", "remedy"), [("CAMERA", "lens type to Perspective"), ("ORTHO", "Numpad 5")])
-def test_an_orthographic_view_is_an_error(camera, perspective, remedy):
-    camera.data.type = "ORTHO"
-    with pytest.raises(LiveHandError, match=remedy):
-        region_camera(camera_view(camera, perspective), REGION_PX)
+@pytest.mark.parametrize("perspective", ["CAMERA", "ORTHO"])
+def test_an_orthographic_view_projects_points_where_blender_draws_them(camera, perspective):
+    camera.data.type, camera.data.ortho_scale = "ORTHO", 0.7
+    view, points = camera_view(camera, perspective), points_before(camera)
+    seen = region_camera(view, REGION_PX)
+    pixels, depth = seen.project(points)
+    assert pixels == pytest.approx(in_region(view, points), abs=1e-3)
+    to_camera = np.array(camera.matrix_world.inverted())
+    behind = 0 if perspective == "CAMERA" else 100
+    assert depth == pytest.approx(behind - (points @ to_camera[2, :3] + to_camera[2, 3]), abs=1e-4)
+
+
+def test_a_border_in_an_orthographic_camera_view_cuts_the_region(camera):
+    camera.data.type, camera.data.ortho_scale = "ORTHO", 0.7
+    test_a_border_in_the_camera_view_cuts_the_region(camera)

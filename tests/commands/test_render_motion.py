@@ -41,7 +41,7 @@ def gestures(tmp_path):
 
 
 def test_a_hand_in_its_own_space_stands_upright_with_its_wrist_at_the_origin(hand, gestures):
-    motion = posed_upright(gestures, hand)
+    motion, _ = posed_upright(gestures, hand)
     for index in range(2):
         vertices, joints = posed_arrays(hand, motion.pose(index))
         np.testing.assert_allclose(joints[0], 0, atol=1e-9)
@@ -55,7 +55,7 @@ def test_the_forearm_of_a_file_turns_the_arm_in_the_picture(hand, tmp_path):
     write_motion(
         HandMotion(np.zeros((2, 16, 3)), np.zeros(10), np.zeros((2, 3)), forearm=np.eye(3)[:2]), tmp_path / "m.npz"
     )
-    motion = posed_upright(tmp_path / "m.npz", armed)
+    motion, _ = posed_upright(tmp_path / "m.npz", armed)
     straight = replace(motion, forearm=np.zeros(3))
     moved = np.abs(posed_vertices(armed, motion.pose(1)) - posed_vertices(armed, straight.pose(1))).max(1)
     assert moved[armed.arm_weights == 0].max() == 0
@@ -73,7 +73,7 @@ def test_a_headsets_take_is_seen_from_the_fingers_not_from_the_stump(hand, tmp_p
     joints = np.full((2, 25, 3), 9.0)
     joints[:, list(MEDIAPIPE_IN_WEBXR)] = rest @ turn.T + [0.1, 1.2, -0.4]
     np.savez(tmp_path / "take.npz", joints=joints, handedness=side)
-    motion = posed_upright(tmp_path / "take.npz", hand)
+    motion, _ = posed_upright(tmp_path / "take.npz", hand)
     assert motion.side == side
     knuckle = posed_arrays(hand, motion.pose(0))[1][4]
     np.testing.assert_allclose(knuckle[:2] / np.linalg.norm(knuckle), [0, -1], atol=0.2)  # towards the camera
@@ -81,7 +81,7 @@ def test_a_headsets_take_is_seen_from_the_fingers_not_from_the_stump(hand, tmp_p
 
 
 def test_the_hand_reaches_as_far_as_in_all_its_frames(hand, gestures):
-    motion = posed_upright(gestures, hand)
+    motion, _ = posed_upright(gestures, hand)
     both = [posed_vertices(hand, motion.pose(index))[hand.framed_vertices] for index in (0, 1)]
     np.testing.assert_array_equal(sampled_vertices(motion, [0, 1], hand), np.concatenate(both))
     many = HandMotion(np.zeros((1000, 16, 3)), np.zeros(10), np.zeros((1000, 3)))
@@ -92,8 +92,15 @@ def test_frames_count_from_one():
     motion = HandMotion(np.zeros((3, 16, 3)), np.zeros(10), np.zeros((3, 3)))
     assert frame_indices(motion, None) == [0, 1, 2]
     assert frame_indices(motion, (3, 1)) == [2, 0]
-    with pytest.raises(LiveHandError, match=r"in 1-3, as the file's do, got \[0, 4\]"):
+    with pytest.raises(LiveHandError, match=r"in 1-3, as the hand's in the file do, got \[0, 4\]"):
         frame_indices(motion, (0, 2, 4))
+
+
+def test_frames_of_a_hand_that_comes_late_are_the_files():
+    motion = HandMotion(np.zeros((3, 16, 3)), np.zeros(10), np.zeros((3, 3)))
+    assert frame_indices(motion, (22, 23), first=20) == [1, 2]
+    with pytest.raises(LiveHandError, match=r"in 21-23, as the hand's in the file do, got \[1\]"):
+        frame_indices(motion, (1, 21), first=20)
 
 
 def test_pngs_are_srgb_with_straight_alpha(tmp_path):

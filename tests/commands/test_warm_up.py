@@ -18,6 +18,7 @@ def test_it_renders_what_needs_every_kernel_and_names_their_folder(monkeypatch, 
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["compiled"]
     assert said["folder"] == str(tmp_path)
+    assert [file.name for file in tmp_path.iterdir()] == ["prepared"]
     assert {precision for precision, _ in seen} == {"bf16", "fp32"}
     lights = [shot.light for _, shot in seen[:3]]
     assert lights[0] is None

@@ -9,8 +9,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from livehand.backend.compute.kernels.cache_folder import writable_cache
-from livehand.backend.compute.kernels.compiled import compiled, compiled_loosely
+from livehand.backend.compute.kernels.cache_folder import (
+    is_prepared,
+    kernel_folder_name,
+    mark_prepared,
+    writable_cache,
+)
+from livehand.backend.compute.kernels.compiled import _cache_folder, compiled, compiled_loosely, kernel_counts
 
 
 def test_single_precision_stays_single():
@@ -24,6 +29,27 @@ def test_single_precision_stays_single():
 
 def _plus_third(x):
     return x + np.float32(1) / np.float32(3)
+
+
+def test_whether_all_kernels_are_compiled_is_known_without_numba(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert not is_prepared()
+    folder = tmp_path / "livehand" / kernel_folder_name()
+    folder.mkdir(parents=True)
+    mark_prepared(folder)
+    assert is_prepared()
+    assert _cache_folder(str(tmp_path)) == folder
+
+
+def test_kernels_with_machine_code_are_counted():
+    from livehand.backend.compute.kernels import raster
+
+    compiled_before, every = kernel_counts()
+    assert 0 <= compiled_before <= every
+    assert every >= 8
+    mesh = raster.ProjectedMesh(np.zeros((3, 2), np.float32), np.ones(3, np.float32), np.array([[0, 1, 2]], np.int16))
+    raster.nearest_depth(mesh, 2, 0, 2, True, np.full(4, np.inf, np.float32))
+    assert kernel_counts()[0] >= max(compiled_before, 1)
 
 
 UNDER_A_NAME = """

@@ -46,6 +46,7 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.backend.research.baselines.weights_file import load_network, save_method
 from livehand.backend.research.comparison.grid import load_pictures, save_pictures
+from livehand.backend.rigs.bvh_positions import with_offsets
 from livehand.backend.surface.base_surface import surface_of_person
 from livehand.backend.surface.surface_file import read_surface, write_surface
 from livehand.backend.system.command import parse_size_px
@@ -147,6 +148,10 @@ def motion_seeds():
         "raw.json": poses.tolist(),
         "freihand.json": [[[0.1] * 61]] * 4,
         "x_NeuralAnnot.json": {"0": {"3": {"right": FIT, "left": None}}},
+        "wilor.json": _wilor_frames(),
+        "leap.json": {"frames": [_leap_frame()] * 3},
+        "rokoko.json": [{"scene": {"actors": [{"body": _rokoko_body()}]}}] * 3,
+        "hot3d.json": {"right": {"mano_pose": {"thetas": [0.1] * 15, "wrist_xform": [0.1] * 6}}},
     }
     yield from (
         Seed("poses, json", name, json.dumps(text).encode(), read_motion, mutated_json) for name, text in texts.items()
@@ -158,17 +163,90 @@ def motion_seeds():
         "dexycb.npz": npz(pose_m=np.ones((1, 51))),
         "ho3d.npz": npz(**ho3d),
         "hamer.npz": npz(**hamer),
+        "wilor.npz": npz(
+            hand_pose=np.zeros((3, 15, 3)), global_orient=np.zeros((3, 1, 3)), is_right=np.array([0, 1, 0])
+        ),
+        "beat2.npz": npz(poses=np.zeros((5, 165)), expressions=np.zeros(5), model="smplx2020"),
+        "parts.npz": npz(root_orient=np.zeros((4, 3)), pose_body=np.zeros((4, 63)), pose_hand=np.zeros((4, 90))),
         "take.npz": npz(**_take()),
         "landmarks.npz": npz(landmarks=np.stack([_POINTS] * 3), handedness="Right", fps=25),
     }
     yield from (Seed("poses, npz", name, raw, read_motion, mutated_npz) for name, raw in arrays.items())
     for name, content in (("ho3d.pkl", ho3d), ("list.pkl", [_POINTS] * 3), ("hamer.pkl", hamer)):
         yield Seed("poses, pkl", name, pickle.dumps(content, protocol=2), read_motion, changed_pickle)
+    yield Seed(
+        "poses, pkl", "wilor.pkl", pickle.dumps(_wilor_frames(np.array), protocol=4), read_motion, changed_pickle
+    )
+    params = {"global_orient": np.zeros((3, 3)), "fullpose": np.zeros((3, 45)), "transl": np.zeros((3, 3))}
+    grab = npz(rhand=np.array({"params": params}, object), framerate=120.0)
+    yield Seed("poses, npz", "grab.npz", grab, read_motion)
     yield Seed("poses, npy", "a.mano.npy", npy(arctic), read_motion)
     yield Seed("poses, npy", "raw.npy", npy(poses), read_motion)
     yield Seed("poses, csv", "wide.csv", f"{wide}\n{numbers}".encode(), read_motion)
     yield Seed("poses, csv", "long.csv", f"frame,handedness,landmark,x,y,z\n{rows}".encode(), read_motion)
     yield Seed("poses, csv", "bare.csv", numbers.encode(), read_motion)
+    logged = "\n".join(
+        f"12:00:0{t},Left,{k},{x},{y},{z}" for t in range(3) for k, (x, y, z) in enumerate(_POINTS.tolist())
+    )
+    header = "Time,Hand,Joint,Position_X,Position_Y,Position_Z"
+    yield Seed("poses, csv", "logged.csv", f"{header}\n{logged}".encode(), read_motion)
+    line = {"timestamp_ns": 0, "hand_poses": {"1": {"pose": [0.1] * 15, "wrist_xform": _WRIST, "betas": [0.0] * 10}}}
+    lines = [json.dumps(line | {"timestamp_ns": 33_000_000 * t}) for t in range(3)]
+    yield Seed("poses, jsonl", "hot3d.jsonl", "\n".join(lines).encode(), read_motion)
+    yield Seed("bvh", "take.bvh", _BVH.encode(), lambda path: with_offsets(path.read_text(errors="replace")))
+
+
+_WRIST = {"q_wxyz": [1.0, 0, 0, 0], "t_xyz": [0.0, 0, 1]}
+_BVH = """HIERARCHY
+ROOT Hips
+{
+ OFFSET 0 90 0
+ CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+ JOINT Hand
+ {
+  OFFSET -4 3 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+ }
+}
+MOTION
+Frames: 2
+Frame Time: 0.0333
+0 90 0 0 0 0 0 0 0 20 0 0
+0 90 0 0 0 0 0 0 0 20 0 0
+"""
+
+
+def _wilor_frames(spell=list):
+    pose = {"hand_pose": spell([[[0.1] * 3] * 15]), "global_orient": spell([[[0.1] * 3]]), "betas": spell([[0.0] * 10])}
+    return [[{"is_right": 0.0, "wilor_preds": pose}], [], [{"is_right": 0.0, "wilor_preds": pose}]]
+
+
+def _leap_frame():
+    ends = [_POINTS[:1], *(_POINTS[1 + 4 * k : 5 + 4 * k] for k in range(5))]
+    fingers = [
+        {
+            "type": k,
+            "bones": [
+                {"prev_joint": start, "next_joint": end}
+                for start, end in pairwise([*ends[0].tolist(), *ends[k + 1].tolist()])
+            ],
+        }
+        for k in range(5)
+    ]
+    return {"hands": [{"type": "right", "fingers": fingers}]}
+
+
+def _rokoko_body():
+    names = [
+        "Hand",
+        *(
+            f + p
+            for f in ("Thumb", "Index", "Middle", "Ring", "Little")
+            for p in ("Proximal", "Medial", "Distal", "Tip")
+        ),
+    ]
+    points = (dict(zip("xyz", point, strict=True)) for point in _POINTS.tolist())
+    return {f"left{name}": {"position": point} for name, point in zip(names, points, strict=True)}
 
 
 def _take():

@@ -22,10 +22,11 @@ BLENDER_SECONDS = 1500
 
 PRINT_INSTALL_COMMAND = """
 import importlib, json
-dependencies = importlib.import_module("bl_ext.user_default.livehand.backend.system.dependencies")
-loading = importlib.import_module("bl_ext.user_default.livehand.livehand_blender.render.hand_source")
-missing = dependencies.missing_requirements()
-command = dependencies.install_command(missing, loading.packages_folder())
+def of_livehand(name):
+    return importlib.import_module("bl_ext.user_default.livehand." + name)
+missing = of_livehand("backend.system.packages").missing_requirements()
+folder = of_livehand("livehand_blender.render.package_folder").packages_folder()
+command = of_livehand("backend.system.package_install").install_command(missing, folder)
 print("MISSING " + json.dumps([[each.module for each in missing], command]))
 """
 
@@ -37,8 +38,7 @@ def main() -> int:
     parser.add_argument("stories", nargs="*", metavar="STORY", help=f"which of {', '.join(STORIES)} (default: all)")
     args = parser.parse_args()
     out = args.out.resolve()
-    # Blender puts this folder on Python's path only if it is there when Blender starts.
-    (out / "user" / "scripts" / "modules").mkdir(parents=True, exist_ok=True)
+    (out / "user").mkdir(parents=True, exist_ok=True)
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(out / "user"), "LIBGL_ALWAYS_SOFTWARE": "1"}
     install_extension(args.blender, out, environment)
     install_packages(args.blender, environment)
@@ -82,7 +82,7 @@ def install_extension(blender: str, out: Path, environment: dict[str, str]) -> N
 
 
 def install_packages(blender: str, environment: dict[str, str]) -> None:
-    """Run the command that LiveHand's preferences offer, if anything but torch is missing."""
+    """Run the command that LiveHand's preferences offer as a line, if anything but torch is missing."""
     command = [blender, "--background", "--python-expr", PRINT_INSTALL_COMMAND]
     output = subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
     (line,) = (line for line in output.splitlines() if line.startswith("MISSING "))
@@ -91,7 +91,7 @@ def install_packages(blender: str, environment: dict[str, str]) -> None:
         sys.exit("failed: this Blender's Python must have torch; install it, or name another with BLENDER=")
     if missing:
         say(f"installing {', '.join(missing)}: {command}")
-        subprocess.run(command, shell=True, env=environment, check=True)
+        subprocess.run(command, env=environment, check=True)
 
 
 @contextlib.contextmanager

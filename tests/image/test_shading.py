@@ -14,6 +14,7 @@ from livehand.backend.image.shading import (
     SurfaceDepth,
     covered_pixels,
     detailed,
+    diffuse_and_specular,
     enlarged_rays,
     neighbours,
     normals_at_steps,
@@ -166,6 +167,11 @@ def test_both_backends_agree_on_any_rays(backend_pair, lamps):
     ours, theirs = (backend.shade_image(image, features, pixel, SIZE) for backend in backend_pair)
     torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-3)
     assert ours.abs().max() > 0.1
+    diffuse, specular = (
+        backend_pair[0].shade_image(part, features, pixel, SIZE) for part in diffuse_and_specular(image)
+    )
+    torch.testing.assert_close(diffuse + specular, ours, atol=1e-4, rtol=1e-3)
+    assert min(diffuse.abs().max(), specular.abs().max()) > 0.01
 
 
 def test_both_backends_enlarge_rays_alike_and_leave_the_rest_empty(backend_pair):

@@ -115,6 +115,31 @@ def _track(inputs):
     return ["track", inputs / "film.mp4"]
 
 
+def _person(inputs):
+    """A capture of a resting hand from six sides, by a person who ships."""
+    from livehand.backend.capture.picture import linear_to_srgb
+    from livehand.backend.hand.lbs import posed_vertices
+    from livehand.backend.person.person_avatar import shipped_bases
+    from livehand.backend.records.light import Light, Sky
+
+    hand = load_default_hand()
+    person, pose = shipped_bases(hand).models[0.42], HandPose.rest()
+    middle = posed_vertices(hand, pose)[hand.framed_vertices].mean(0)
+    K, views = np.array([[260.0, 0, 60], [0, 260, 75], [0, 0, 1]]), []
+    folder = inputs / "capture"
+    folder.mkdir(parents=True, exist_ok=True)
+    for index, angle in enumerate(np.linspace(0, 2 * np.pi, 6, endpoint=False)):
+        eye = middle + 0.42 * np.array([0.15, np.cos(angle), np.sin(angle)])
+        camera = Camera(K, look_at(eye, middle, np.array([-1.0, 0, 0])), (120, 150))
+        frame = person.rendered(pose, camera, Light(sky=Sky(np.full((16, 32, 3), 0.35))))
+        rgb = linear_to_srgb((frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)).clip(0, 1))
+        pixels = (255 * np.concatenate([rgb, frame.alpha[..., None]], -1)).round().clip(0, 255).astype(np.uint8)
+        Image.fromarray(pixels).save(folder / f"{index}.png")
+        views.append(CaptureView(f"{index}.png", camera, index, 0, "train"))
+    save_capture_index(Capture(folder, hand.sha256, {}, (pose,), tuple(views)))
+    return ["person", folder, "--sheet", inputs / "sheet.png"]
+
+
 COMMANDS = {
     "render": Killed(_render),
     "jobs": Killed(lambda inputs: [*_render(inputs), "--jobs", "3"]),
@@ -126,6 +151,7 @@ COMMANDS = {
     "compare": Killed(_compare),
     "track": Killed(_track, "take.npz", writes_last=True),
     "reenact": Killed(_reenact),
+    "person": Killed(_person, "made.safetensors"),
 }
 
 

@@ -14,7 +14,7 @@ STALE_S = 3.0
 def main():
     from livehand.livehand_blender.cli import program
 
-    for change in (*_training(), *_comparison(), *_capture(), *_leases()):
+    for change in (*_training(), *_comparison(), *_capture(), *_person(), *_leases()):
         change.start()
     program()
 
@@ -52,6 +52,13 @@ def _capture():
 
     yield patch.object(render, "detailed_surface", partial(detailed_surface.detailed_surface, levels=1))
     yield patch.object(render, "bake_skin", partial(bake.bake_skin, size_px=64))
+
+
+def _person():
+    from livehand.backend.person import making
+
+    yield patch.object(making, "MakingOptions", partial(making.MakingOptions, resolution=256, rounds=1))
+    yield patch.object(making, "_EARLY_RESOLUTION", 128)
 
 
 def _leases():

@@ -15,7 +15,10 @@ NIGHTLY = pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kills"),
-    [("import", 2), pytest.param("train", 1, marks=NIGHTLY), pytest.param("containers", 1, marks=NIGHTLY)],
+    [
+        ("import", 2),
+        *(pytest.param(name, kills, marks=NIGHTLY) for name, kills in (("train", 1), ("containers", 1), ("person", 2))),
+    ],
 )
 def test_a_command_that_is_killed_ends_as_an_undisturbed_one(tmp_path, name, kills):
     survivor = run.Survivor(name, tmp_path / name, random.Random(0))

@@ -28,7 +28,9 @@ def test_pickles_that_would_run_code_are_refused_before_they_run(tmp_path, name)
     path, made = tmp_path / name, tmp_path / "made"
     if name == "bad.npz":
         np.savez(path, poses=np.array([Harm(made)], object))
-        refused(path, "Python objects, which could run code")
+        refused(path, "must be of a known format")
+        np.savez(path, rhand=np.array(Harm(made), object))
+        refused(path, r"rhand.*may not use (posix|nt)\.mkdir")
     elif name == "bad.npy":
         np.save(path, {"poses": Harm(made)}, allow_pickle=True)
         refused(path, r"may not use (posix|nt)\.mkdir")
@@ -66,7 +68,7 @@ def test_files_cut_short_anywhere_are_refused(tmp_path, name):
     [
         ("a.json", "[[1, 2", "well-formed JSON"),
         ("a.json", "[[1, 2], [3]]", "known format"),
-        ("a.json", '{"x": 1}', r"known format .*got keys \['x'\]"),
+        ("a.json", '{"x": 1}', r"known format .*got keys x; "),
         ("a.json", "[]", "known format"),
         ("a.json", "\xff\xfe", "known format|well-formed"),
         ("a.csv", "x0,y0\n1\n", "as many cells"),

@@ -4,17 +4,22 @@ MANO's own mean and components are never at hand: a made-up mean, and made-up or
 """
 
 import json
+import os
 import pickle
+import re
 
 import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
+from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.motion.files.open_files import open_motion_file, open_pose_file, open_pose_files
 from livehand.backend.motion.files.summary import file_summary
 from livehand.backend.motion.formats.own import write_motion
+from livehand.backend.motion.gate import bends_backwards
 from livehand.backend.motion.mano_basis import ManoBasis, load_mano_basis
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.records.errors import LiveHandError
+from scipy.spatial.transform import Rotation
 
 RNG = np.random.default_rng(5)
 MIRROR = np.array([1, -1, -1])
@@ -101,6 +106,7 @@ def test_files_of_one_frame_each_keep_their_forearms(tmp_path):
 
 def test_amass_hands_are_absolute_and_wrists_turn_with_the_body(tmp_path):
     poses = RNG.normal(size=(T, 156)) * 0.3
+    poses[:, :3] = [np.pi / 2, 0, 0]  # upright along Z
     np.savez(
         tmp_path / "a.npz", poses=poses, trans=TRANS, betas=np.zeros(16), gender="male", mocap_framerate=np.array(120.0)
     )
@@ -157,6 +163,76 @@ def test_smplx_with_few_components_counts_from_the_mean(tmp_path):
         file.motion()
     with pytest.raises(LiveHandError, match="pca_components must be one of 12"):
         file.with_changes(pca_components=45)
+
+
+def body(tmp_path, name, up, **more):
+    """A body that stands along the direction up [3]."""
+    poses = np.zeros((T, 165))
+    poses[:, :3] = Rotation.align_vectors([up], [[0.0, 1, 0]])[0].as_rotvec()
+    np.savez(tmp_path / name, poses=poses, mocap_frame_rate=30, **more)
+    return tmp_path / name
+
+
+@pytest.mark.parametrize(("up", "space"), [((0, 0, 1), "z_up"), ((0, 1, 0), "y_up"), ((0, -1, 0), "opencv")])
+def test_a_bodys_own_axis_tells_which_is_up(tmp_path, up, space):
+    up = np.add(up, [0.3, 0.2, 0.3])
+    opened(body(tmp_path, "a.npz", up / np.linalg.norm(up)), space=space, format="AMASS SMPL-X")
+    root = Rotation.align_vectors([up], [[0.0, 1, 0]])[0].as_rotvec()
+    np.savez(tmp_path / "x.npz", global_orient=[root], body_pose=np.zeros((1, 21, 3)), left_hand_pose=np.zeros((1, 45)))
+    opened(tmp_path / "x.npz", space=space)
+
+
+def test_a_body_that_lies_does_not_tell_which_axis_is_up(tmp_path):
+    file = opened(body(tmp_path, "a.npz", (1.0, 0, 0)), space="z_up")
+    assert "does not stand: check the axes" in " ".join(file.info.notes)
+
+
+def test_beat2_counts_from_the_mean(tmp_path):
+    path = body(tmp_path, "b.npz", (0, 1.0, 0), expressions=np.zeros((T, 100)), model="smplx2020")
+    file = opened(path, format="BEAT2 SMPL-X", has_mean_added=False, space="y_up")
+    np.testing.assert_allclose(file.motion(BASIS).theta[:, 1:], np.tile(MEAN, (T, 1, 1)))
+
+
+def test_amass_with_objects_and_in_parts(tmp_path):
+    """Objects beside the poses stay unread, even such as would run code."""
+
+    class Harm:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "made"),)
+
+    path = body(tmp_path, "a_stageii.npz", (0, 0, 1.0), markers_latent_vids=np.array(Harm(), object))
+    whole = opened(path, format="AMASS SMPL-X", space="z_up").motion()
+    assert not (tmp_path / "made").exists()
+    with np.load(path, allow_pickle=False) as arrays:
+        poses = arrays["poses"]
+    parts = {"root_orient": poses[:, :3], "pose_body": poses[:, 3:66], "pose_hand": POSE[:, 3:].repeat(2, 1)}
+    np.savez(tmp_path / "parts.npz", **parts)
+    motion = opened(tmp_path / "parts.npz", space="z_up").motion()
+    np.testing.assert_allclose(motion.theta[:, 0], whole.theta[:, 0], atol=1e-9)
+    np.testing.assert_array_equal(motion.theta[:, 1:].reshape(T, 45), POSE[:, 3:].repeat(2, 1)[:, 45:])
+
+
+def test_grabs_dictionaries_are_read_as_plain_pickles(tmp_path):
+    hand = {
+        "params": {"global_orient": POSE[:, :3], "fullpose": POSE[:, 3:], "hand_pose": POSE[:, :24], "transl": TRANS}
+    }
+    content = {"rhand": np.array(hand, object), "object": np.array({"mesh": "cup.ply"}, object), "framerate": 120.0}
+    np.savez(tmp_path / "cup_lift.npz", **content)
+    file = opened(tmp_path / "cup_lift.npz", format="GRAB", fps=120.0, space="z_up", has_mean_added=True)
+    np.testing.assert_allclose(file.motion().theta, absolute(POSE))
+    np.testing.assert_allclose(file.motion().transl, TRANS)
+    del hand["params"]["fullpose"]
+    np.savez(tmp_path / "cup_lift.npz", rhand=np.array(hand, object))
+    assert opened(tmp_path / "cup_lift.npz", pca_components=24).motion(BASIS).theta.shape == (T, 16, 3)
+    np.savez(tmp_path / "cup_lift.npz", rhand=np.array({"vtemp": "hand.ply"}, object))
+    with pytest.raises(LiveHandError, match="rhand must hold params with global_orient"):
+        open_pose_file(tmp_path / "cup_lift.npz")
+
+
+def test_frames_begin_where_the_first_file_does_and_missing_files_are_gaps(tmp_path):
+    for number in (0, 5, 10, 20, 25):
+        np.savez(tmp_path / f"labels_{number:06d}.npz", pose_m=np.ones((1, 51)) * (number > 0))
+    opened(tmp_path, first=1, frames=5, missing=1)
 
 
 # Data sets of hands.
@@ -226,6 +302,88 @@ def test_hamer_both_hands_in_one_file_and_a_side_that_was_wrong(tmp_path):
     np.savez(tmp_path / "one.npz", **hamer([1] * T))
     wrong = open_pose_file(tmp_path / "one.npz").with_changes(side="left").motion()
     same_turns(wrong.theta, absolute(POSE) * MIRROR)
+
+
+def natural(count=12):
+    """Poses [count, 16, 3] of a right hand that closes, its wrist turned."""
+    fist, axes = GESTURES["fist"].angles_deg(), FingerAxes.of_default_hand()
+    return np.array(
+        [theta_of(share * fist, axes, np.array([0.4, 0.3, -0.2])) for share in np.linspace(0.2, 0.9, count)]
+    )
+
+
+@pytest.mark.parametrize("layout", ["matrices", "axis-angle", "45 numbers"])
+@pytest.mark.parametrize("is_mirrored_back", [True, False])
+def test_a_left_hands_mirroring_is_told_by_its_fingers(tmp_path, layout, is_mirrored_back):
+    stored = natural() * (MIRROR if is_mirrored_back else 1)
+    turns = axis_angle_to_matrix(stored) if layout == "matrices" else stored
+    fingers = stored[:, 1:].reshape(-1, 45) if layout == "45 numbers" else turns[:, 1:]
+    transl = RNG.normal(size=(12, 3))
+    np.savez(
+        tmp_path / "h.npz", hand_pose=fingers, global_orient=turns[:, :1], is_right=np.zeros(12), pred_cam_t=transl
+    )
+    motion = opened(tmp_path / "h.npz", side="left").motion()
+    same_turns(motion.theta, natural() * MIRROR)
+    np.testing.assert_allclose(motion.transl, transl if is_mirrored_back else transl * [-1, 1, 1])
+    assert not bends_backwards(motion.theta, "left")
+
+
+def test_a_hand_of_no_side_is_that_like_which_its_fingers_bend(tmp_path):
+    for side, stored in (("right", natural()), ("left", natural() * MIRROR)):
+        np.save(tmp_path / "take.npy", stored.reshape(12, 48))
+        same_turns(opened(tmp_path / "take.npy", side=side).motion().theta, stored)
+        np.savez(tmp_path / "own.npz", theta=stored)
+        same_turns(opened(tmp_path / "own.npz", side=side).motion().theta, stored)
+        turns = axis_angle_to_matrix(stored)
+        np.savez(tmp_path / "h.npz", hand_pose=turns[:, 1:], global_orient=turns[:, :1])
+        same_turns(opened(tmp_path / "h.npz", side=side).motion().theta, stored)
+    np.save(tmp_path / "left_take.npy", natural().reshape(12, 48))
+    same_turns(opened(tmp_path / "left_take.npy", side="left").motion().theta, natural() * MIRROR)
+
+
+def test_files_of_one_frame_each_are_one_hands(tmp_path):
+    """The flat ones among them would be taken for a right hand's."""
+    for number, theta in enumerate(np.concatenate([0 * natural(3), natural(9) * MIRROR])):
+        np.save(tmp_path / f"{number:03d}.npy", theta.reshape(1, 48))
+    file = opened(tmp_path, side="left", frames=12, missing=0)
+    assert file.sides == ("left",)
+
+
+def test_plain_angles_in_degrees_are_told_by_their_size(tmp_path):
+    np.save(tmp_path / "take.npy", np.rad2deg(natural()).reshape(12, 48))
+    file = opened(tmp_path / "take.npy", side="right")
+    same_turns(file.motion().theta, natural())
+    assert "read as degrees" in " ".join(file.info.notes)
+
+
+def wilor_frames(stored, first=0):
+    """WiLoR-mini's return value: a list of frames, each a list of hands."""
+    hands = [
+        {
+            "hand_bbox": [0, 0, 9, 9],
+            "is_right": 0.0,
+            "wilor_preds": {
+                "hand_pose": theta[None, 1:].astype(np.float32),
+                "global_orient": theta[None, :1].astype(np.float32),
+                "betas": np.zeros((1, 10), np.float32),
+                "pred_cam_t_full": np.array([[0.0, 0, k]]),
+            },
+        }
+        for k, theta in enumerate(stored)
+    ]
+    return [[] for _ in range(first)] + [[hand] for hand in hands]
+
+
+def test_wilor_minis_frames_are_read_and_numbered(tmp_path):
+    path = tmp_path / "wilor.pkl"
+    frames = wilor_frames(natural() * MIRROR, first=3)
+    path.write_bytes(pickle.dumps([*frames[:5], [], *frames[6:]]))
+    file = opened(path, side="left", first=3, frames=12, missing=1, has_mean_added=True, space="opencv")
+    kept = [0, 1, *range(3, 12)]
+    same_turns(file.motion().theta[kept], (natural() * MIRROR)[kept], 1e-5)
+    np.testing.assert_allclose(file.motion().transl[:, 2], np.arange(12.0))
+    path.write_bytes(pickle.dumps(frames[3]))  # of one picture
+    same_turns(opened(path, frames=1).motion().theta, natural()[:1] * MIRROR, 1e-5)
 
 
 def test_hamer_in_the_whole_camera(tmp_path):
@@ -389,3 +547,68 @@ def test_a_reading_in_words(tmp_path):
     assert facts["angles"] == "45 components (needs a MANO file)"
     assert facts["axes"] == "camera, y down, z forward"
     assert facts["place"] == "in the file"
+
+
+# HOT3D, and files that come with poses but hold none.
+
+
+def test_hot3ds_trajectories_are_components_with_times(tmp_path):
+    def hand(k):
+        quaternion = Rotation.from_rotvec(POSE[k, :3]).as_quat()[[3, 0, 1, 2]]
+        wrist = {"q_wxyz": quaternion.tolist(), "t_xyz": TRANS[k].tolist()}
+        return {"pose": POSE[k, 3:18].tolist(), "wrist_xform": wrist, "betas": BETA.tolist()}
+
+    times = [0, 33_333_333, 66_666_666, 133_333_333]
+    poses = [{}, {"1": hand(1)}, {"1": hand(2), "0": hand(0)}, {"1": hand(3)}]
+    lines = [{"timestamp_ns": t, "hand_poses": each} for t, each in zip(times, poses, strict=True)]
+    path = tmp_path / "mano_hand_pose_trajectory.jsonl"
+    path.write_text("\n".join(map(json.dumps, lines)))
+    file = opened(path, format="HOT3D", has_mean_added=False, pca_components=15, first=1, frames=4, missing=1)
+    assert file.info.fps == pytest.approx(30, abs=1e-3)
+    motion = file.motion(BASIS)
+    expected = (POSE[1:, 3:18] @ COMPONENTS[:15]).reshape(3, 15, 3) + MEAN
+    same_turns(motion.theta[[0, 1, 3], 1:], expected)
+    same_turns(motion.theta[[0, 1, 3], 0], POSE[1:, :3])
+    np.testing.assert_allclose(motion.transl[[0, 1, 3]], TRANS[1:])
+    assert file.with_changes(side="left").info.first == 2
+    path.write_text(json.dumps({"timestamp_ns": 0, "hand_poses": {"0": {"joint_angles": [0.0] * 22}}}))
+    with pytest.raises(LiveHandError, match=r"UmeTrack's joint angles .* mano_hand_pose_trajectory\.jsonl"):
+        open_pose_file(path)
+
+
+def test_hot3ds_clips_are_files_of_one_frame(tmp_path):
+    for k in range(T):
+        pose = {"thetas": POSE[k, 3:18].tolist(), "wrist_xform": [*POSE[k, :3], *TRANS[k]]}
+        content = {"right": {"mano_pose": pose, "boxes": {}}}
+        (tmp_path / f"{k:06d}.hands.json").write_text(json.dumps(content))
+    motion = opened(tmp_path, format="HOT3D", frames=T, pca_components=15).motion(BASIS)
+    same_turns(motion.theta[:, 0], POSE[:, :3])
+    np.testing.assert_allclose(motion.transl, TRANS)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("InterHand2.6M_test_camera.json", {"0": {"campos": {}, "camrot": {}}}, "MANO_NeuralAnnot"),
+        ("InterHand2.6M_test_joint_3d.json", {"0": {"5": {"world_coord": [], "joint_valid": []}}}, "MANO_NeuralAnnot"),
+        ("InterHand2.6M_test_data.json", {"images": [], "annotations": []}, "MANO_NeuralAnnot"),
+        ("umetrack.json", [{"joint_angles": [0.1] * 22, "wrist_xform": {}}], "UmeTrack"),
+        ("glove.csv", "Frame,Index_MCP_Spread,Index_MCP_Stretch\n0,1,2\n", "joint angles .* FBX or BVH"),
+        ("take.mvnx", "<mvnx/>", "Xsens MVN: export BVH or FBX"),
+        ("scene.casc", "", "Cascadeur: export FBX"),
+        ("take.uasset", "", "Unreal: export the take"),
+        ("meta.yml", "", r"DexYCB's poses are in labels_"),
+        ("film.mp4", "", "livehand track"),
+    ],
+)
+def test_a_file_without_poses_names_the_one_that_is_meant(tmp_path, name, content, words):
+    path = tmp_path / name
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    with pytest.raises(LiveHandError, match=f"(?s)^{re.escape(str(path))} must .*{words}"):
+        open_motion_file(path)
+
+
+def test_an_unknown_files_keys_are_counted(tmp_path):
+    np.savez(tmp_path / "many.npz", **{f"key{k:03d}": np.zeros(1) for k in range(300)})
+    with pytest.raises(LiveHandError, match=r"got keys key000, .*key011 and 288 more; a landmark file"):
+        open_motion_file(tmp_path / "many.npz")

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.capture.masks.mask import short_of_arm
+from livehand.backend.capture.picture import linear_to_srgb
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists, to_blender
-from livehand.backend.records.camera import Camera
+from livehand.backend.records.camera import Camera, look_at
+from livehand.backend.records.hand_picture import HAND, HandPicture, PicturedHand
 from livehand.backend.records.shot import HandPose
 from livehand.tests.tracking.conftest import film, networks, shown  # noqa: F401
 
@@ -63,3 +65,24 @@ def drawn(vertices, faces, camera):
     mask = np.zeros(camera.size_px[0] * camera.size_px[1], bool)
     mask[rasterise(positions_px, depth, torch.as_tensor(faces), camera.size_px).pixel.numpy()] = True
     return mask.reshape(camera.size_px[::-1])
+
+
+MADE_SIZE_PX, MADE_FOCAL_PX, VIEWS = (150, 190), 330.0, 6
+
+
+def pictured(model, light):
+    """Pictures of a resting hand from all around in a light, by our own renderer; the last is held out."""
+    pose = HandPose.rest()
+    middle = posed_vertices(model.hand, pose)[model.hand.framed_vertices].mean(0)
+    K = np.array([[MADE_FOCAL_PX, 0, MADE_SIZE_PX[0] / 2], [0, MADE_FOCAL_PX, MADE_SIZE_PX[1] / 2], [0, 0, 1]])
+    pictures = []
+    for index in range(VIEWS):
+        angle = 2 * np.pi * index / VIEWS
+        eye = middle + 0.42 * np.array([0.15, np.cos(angle), np.sin(angle)])
+        camera = Camera(K, look_at(eye, middle, np.array([-1.0, 0, 0])), MADE_SIZE_PX)
+        frame = model.rendered(pose, camera, light)
+        rgb = linear_to_srgb((frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)).clip(0, 1))
+        labels = np.where(frame.alpha > 0.5, HAND, 0).astype(np.uint8)
+        encoded = (255 * rgb * (frame.alpha[..., None] > 0)).round().astype(np.uint8)
+        pictures.append(HandPicture(str(index), encoded, labels, camera, pose, is_held_out=index == VIEWS - 1))
+    return PicturedHand(tuple(pictures), "right", "made", is_calibrated=True)

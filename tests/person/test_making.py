@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar, save_avatar
-from livehand.backend.capture.picture import linear_to_srgb
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
@@ -14,17 +13,15 @@ from livehand.backend.person.making import MakingOptions, made_person
 from livehand.backend.person.person_avatar import person_avatar, shipped_bases
 from livehand.backend.person.refit import refitted
 from livehand.backend.person.review import held_out_figures, write_sheet
-from livehand.backend.records.camera import Camera, look_at
-from livehand.backend.records.hand_picture import HAND, HandPicture, PicturedHand
 from livehand.backend.records.light import Light, Sky, sky_directions
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.surface.albedo_ratio import RATIO_STEP
+from livehand.tests.person.conftest import pictured
 
 pytest.importorskip("cv2")
 pytestmark = pytest.mark.slow
-SIZE_PX, FOCAL_PX, VIEWS = (150, 190), 330.0, 6
-STAIN = np.array([-30, -45, -50], np.int8)  # steps of the logarithm, on one half of the atlas
+STAIN = np.array([-30, -46, -50], np.int8)  # steps of the logarithm between both halves of the atlas
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +32,7 @@ def bases():
 @pytest.fixture(scope="module")
 def truth(bases):
     steps = np.zeros((256, 256, 3), np.int8)
-    steps[:, :128] = STAIN
+    steps[:, :128], steps[:, 128:] = STAIN // 2, -STAIN // 2
     return bases.models[0.42].with_ratio(steps)
 
 
@@ -47,26 +44,22 @@ def light():
 @pytest.fixture(scope="module")
 def hand(truth):
     """Views of a resting hand from all around, the last held out."""
-    pose = HandPose.rest()
-    middle = posed_vertices(truth.hand, pose)[truth.hand.framed_vertices].mean(0)
-    pictures = []
-    for index in range(VIEWS):
-        angle = 2 * np.pi * index / VIEWS
-        eye = middle + 0.42 * np.array([0.15, np.cos(angle), np.sin(angle)])
-        K = np.array([[FOCAL_PX, 0, SIZE_PX[0] / 2], [0, FOCAL_PX, SIZE_PX[1] / 2], [0, 0, 1]])
-        camera = Camera(K, look_at(eye, middle, np.array([-1.0, 0, 0])), SIZE_PX)
-        frame = truth.rendered(pose, camera, light())
-        rgb = linear_to_srgb((frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)).clip(0, 1))
-        labels = np.where(frame.alpha > 0.5, HAND, 0).astype(np.uint8)
-        encoded = (255 * rgb * (frame.alpha[..., None] > 0)).round().astype(np.uint8)
-        pictures.append(HandPicture(str(index), encoded, labels, camera, pose, is_held_out=index == VIEWS - 1))
-    return PicturedHand(tuple(pictures), "right", "made", is_calibrated=True)
+    return pictured(truth, light())
 
 
 @pytest.fixture(scope="module")
 def made(bases, hand):
-    options = MakingOptions(resolution=256, rounds=1, with_flow=False)
+    options = MakingOptions(resolution=256, rounds=1, with_flow=False, finds_lamps=False)
     return made_person(bases.models[0.42], hand, bases.family, options)
+
+
+def test_a_frame_is_the_sum_of_its_parts(truth, hand):
+    picture = hand.pictures[1]
+    whole = truth.rendered(picture.pose, picture.camera, light())
+    diffuse, specular = truth.rendered_parts(picture.pose, picture.camera, light())
+    np.testing.assert_allclose(diffuse.rgb + specular.rgb, whole.rgb, atol=1e-5)
+    np.testing.assert_array_equal(diffuse.alpha, whole.alpha)
+    assert 0.02 < specular.rgb.sum() / whole.rgb.sum() < 0.5
 
 
 def test_the_numbers_come_back(made):

@@ -1,5 +1,7 @@
 """The camera record: projection and its inverse, crops and scales, and what it refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from livehand.backend.records.camera import Camera, look_at
@@ -25,12 +27,36 @@ def test_projection_by_hand():
     assert camera.project(np.array([0.0, 0, -1]))[1] == -1
 
 
+def test_an_orthographic_camera_projects_along_its_axis():
+    camera = Camera(K, np.eye(4), (80, 120), is_orthographic=True)
+    pixel, depth = camera.project(np.array([[0.2, -0.1, 2.0], [0.2, -0.1, -7.0]]))
+    np.testing.assert_allclose(pixel, [[310 * 0.2 + 41.3, 290 * -0.1 + 70.9]] * 2)
+    np.testing.assert_array_equal(depth, [2, -7])
+
+
+def test_an_orthographic_cameras_rays_are_parallel_and_go_through_what_they_are_projected_from():
+    camera = replace(camera_of(), is_orthographic=True)
+    for one in (camera, camera.cropped(-7, 30, (33, 12)), camera.scaled(0.5)):
+        pixels = np.random.default_rng(1).uniform(-20, 150, (4, 5, 2))
+        depth = np.random.default_rng(2).uniform(-3, 3, (4, 5))
+        points = one.ray_origins(pixels) + depth[..., None] * one.ray_directions(pixels)
+        back, back_depth = one.project(points)
+        np.testing.assert_allclose(back, pixels, atol=1e-9)
+        np.testing.assert_allclose(back_depth, depth, atol=1e-12)
+        assert (one.ray_directions(pixels) == camera.cam2world[:3, 2]).all()
+
+
+def test_an_orthographic_camera_has_no_lens():
+    with pytest.raises(LiveHandError, match="turn its depth of field off"):
+        replace(camera_of(), is_orthographic=True).through_lens(np.array([0.01, 0.0]), 1.0)
+
+
 def test_rays_go_through_what_they_are_projected_from():
     camera = camera_of()
     pixels = np.random.default_rng(1).uniform(-20, 150, (4, 5, 2))
     depth = np.random.default_rng(2).uniform(0.1, 3, (4, 5))
     directions = camera.ray_directions(pixels)
-    back, back_depth = camera.project(camera.origin + depth[..., None] * directions)
+    back, back_depth = camera.project(camera.ray_origins(pixels) + depth[..., None] * directions)
     np.testing.assert_allclose(back, pixels, atol=1e-9)
     np.testing.assert_allclose(back_depth, depth, atol=1e-12)
     np.testing.assert_allclose(directions @ camera.cam2world[:3, 2], 1, atol=1e-12)  # scaled to depth 1

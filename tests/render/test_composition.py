@@ -160,11 +160,23 @@ def test_odd_sizes(size):
 def test_over_a_scene():
     hands = joined(visible_parts([a_frame(1.0, 0.75, (1, 0, 0), slice(0, 6))]))
     scene = SceneLayer(np.full((SIZE[1], SIZE[0], 3), 0.4, np.float32), scene_at(0.8), scene_at(3.0))
-    whole = over(hands, scene)
+    whole = over(hands, scene, np.zeros(SIZE[::-1], np.float32))
     np.testing.assert_allclose(whole.rgb[0, 0], [0.75 + 0.1, 0.1, 0.1], atol=1e-6)
     np.testing.assert_allclose(whole.rgb[0, -1], 0.4)
     np.testing.assert_allclose(whole.alpha[0, [0, -1]], [0.75 + 0.25 * 0.8, 0.8])
     np.testing.assert_array_equal(whole.depth[0, [0, -1]], np.float32([1.0, 3.0]))
+
+
+def test_a_hole_shows_neither_hands_nor_scene():
+    hands = joined(visible_parts([a_frame(1.0, 0.75, (1, 0, 0), slice(0, 6))]))
+    scene = SceneLayer(np.full((SIZE[1], SIZE[0], 3), 0.4, np.float32), scene_at(0.8), scene_at(3.0))
+    hole = np.zeros(SIZE[::-1], np.float32)
+    hole[0, 0], hole[0, -1] = 0.25, 0.6
+    holed = over(hands, scene, hole)
+    np.testing.assert_allclose(holed.rgb[0, 0], [0.75, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(holed.rgb[0, -1], 0.4 * 0.4)
+    np.testing.assert_allclose(holed.alpha[0, [0, -1]], [0.75, 0.4 * 0.8])
+    np.testing.assert_array_equal(holed.depth[0, [0, -1]], np.float32([1.0, DEPTH_BACKGROUND]))
 
 
 def test_the_mean_of_frames_is_of_light_and_keeps_the_first_depth():

@@ -107,6 +107,7 @@ CONVENTIONS = {
     "Axis Neuron": names_by("RightHand", "RightHand{f}{k}", palm="RightInHand{f}"),
     "DAZ": names_by("rHand", "r{f}{k}", ("Index", "Mid", "Pinky", "Ring", "Thumb")),
     "DAZ 9": names_by("r_hand", "r_{f}{k}", ("index", "mid", "pinky", "ring", "thumb"), palm="r_{f}metacarpal"),
+    "parts": parts("RightHand", "Right{f}{p}", ("Root", "Middle", "Tip"), ("Root", "Middle", "Tip")),
     "lower case": names_by("righthand", "righthand{f}{k}", FINGERS),
     "letters": names_by("R_hand", "R_{f}_{k}", FINGERS),
     "ours": names_by("wrist.R", "{f}{k}.R", FINGERS, tip="IK-{f}.R"),
@@ -392,3 +393,49 @@ def test_a_bone_named_a_tip_that_does_not_end_its_finger_is_no_tip():
     bones = hand_bones(names, tips)
     moved = [(n, p, (0.0, 0.0, 0.0) if n == tips[1] else head) for n, p, head in bones]
     assert guess_joints(skeleton(moved)).tips == (tips[0], None, *tips[2:])
+
+
+def test_a_control_with_a_shorter_name_is_no_joint():
+    names, tips, _ = CONVENTIONS["MakeHuman"]
+    bones = hand_bones(names, tips)
+    beside = points()[0][14] + [0.0, 0.01, 0.02]
+    for at in (1, len(bones)):
+        with_control = [*bones[:at], ("finger1.R", "wrist.R", beside), *bones[at:]]
+        assert guess_joints(skeleton(with_control)).bones == tuple(names)
+
+
+def wristless(side="right"):
+    """Bones of a hand whose five chains begin at the end of the forearm: Bone, and Bone.001 to Bone.020."""
+    joints, tips = points(side)
+    elbow = joints[0] - 2.2 * (joints[4] - joints[0])
+    bones, numbered = [("Bone", None, elbow)], iter(range(1, 100))
+    for finger in range(5):
+        above = "Bone"
+        for place in (joints[0], *joints[3 * finger + 1 : 3 * finger + 4]):
+            name = f"Bone.{next(numbered):03d}"
+            bones.append((name, above, place))
+            above = name
+    return bones, tips
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("is_named", [False, True])
+def test_a_hand_without_a_wrists_bone_begins_at_its_metacarpals(side, is_named):
+    bones, _ = wristless(side)
+    wanted = ("Bone.005", *(f"Bone.{4 * finger + k:03d}" for finger in range(5) for k in (2, 3, 4)))
+    spelled = {"Bone": "Bone"}
+    if is_named:
+        spelled |= {"Bone": f"{side}_forearm"}
+        for finger, name in enumerate(FINGERS):
+            spelled |= {f"Bone.{4 * finger + k:03d}": f"{side}_{name}_{k}" for k in (1, 2, 3, 4)}
+    rig = skeleton([(spelled.get(name, name), spelled.get(above, above), place) for name, above, place in bones])
+    guess = guess_joints(rig)
+    assert (guess.side, guess.bones) == (side, tuple(spelled.get(name, name) for name in wanted))
+    assert guess.forearm == spelled["Bone"]
+
+
+def test_a_chosen_side_holds_for_a_nameless_hand_that_rests_as_the_other():
+    rig = skeleton(wristless("right")[0])
+    assert guess_joints(rig, "left").missing
+    chosen = guess_joints(rig, "left", is_determined=True)
+    assert (chosen.side, chosen.bones[0]) == ("left", "Bone.005")

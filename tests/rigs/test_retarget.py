@@ -296,3 +296,12 @@ def test_joints_in_one_place_and_poses_that_are_not_finite_are_refused(hand):
         SourceMotion(good.frames * np.nan, good.wrists, None, "right")
     with pytest.raises(LiveHandError, match="frames must be"):
         SourceMotion(good.frames[:, :15], good.wrists, None, "right")
+
+
+def test_a_size_in_another_unit_is_guessed(hand):
+    rest, *_ = ours_elsewhere("right", 1)
+    for factor, words in ((0.01, "scaled by 100 it would be one"), (39.37, "scaled by 0.0254 it would be one")):
+        scaled = replace(rest, heads=rest.heads * factor, tails=rest.tails * factor)
+        alignment = align(scaled, joint_map("right"), hand)
+        assert words in rest_doubts(alignment)
+        assert rest_doubts(alignment, 1 / alignment.shape.scale) is None

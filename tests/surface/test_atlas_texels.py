@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.surface.atlas_texels import AtlasTexels
+from livehand.backend.surface.atlas_texels import AtlasTexels, nearest_inside
+from scipy import ndimage
 
 # A square of two faces that fills the lower left quarter of the atlas.
 FACES = torch.tensor([[0, 1, 2], [0, 2, 3]])
@@ -49,3 +50,18 @@ def test_the_laplacian_of_an_even_field_is_zero(texels):
     np.testing.assert_allclose(texels.laplacian @ np.ones(4), 0)
     assert texels.laplacian[0, 2] == -1
     assert texels.laplacian[1, 3] == 0
+
+
+@pytest.mark.parametrize("size", [1, 2, 37, 256])
+def test_beyond_the_charts_the_nearest_texel_is_found(size):
+    """Against an exact transform; jump flooding may take one in ten thousand's second nearest."""
+    row, column = np.mgrid[:size, :size]
+    random = np.random.default_rng(size)
+    is_inside = np.zeros((size, size), bool)
+    for center in random.uniform(0, size, (6, 2)):
+        is_inside |= np.hypot(row - center[0], column - center[1]) < max(size / 12, 1)
+    found = nearest_inside(is_inside)
+    assert is_inside[found[0], found[1]].all()
+    off_px = np.hypot(found[0] - row, found[1] - column) - ndimage.distance_transform_edt(~is_inside)
+    assert (np.abs(off_px) > 1e-6).mean() < 1e-4
+    assert np.abs(off_px).max() < 0.5

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 import trimesh
-from livehand.backend.field.rays import camera_tensors, ray_directions, ray_origin
+from livehand.backend.field.rays import camera_tensors, ray_directions, ray_origin, ray_origins
 from livehand.backend.records.camera import Camera
 from livehand.backend.surface.detail_mesh import DetailMesh
 from livehand.backend.surface.edge_antialiasing import SurfaceBones
@@ -51,7 +51,7 @@ def test_rays_meet_a_ball_where_it_is_and_have_its_normals(backend):
     torch.testing.assert_close(hits.depth[inner], depth[inner], atol=2e-4, rtol=0)
     torch.testing.assert_close(hits.normal[inner], position[inner] / 0.15, atol=2e-3, rtol=0)
     beside = torch.full((len(PIXEL), 3), 7.0)
-    found = hits.positions(camera(), ray_directions(camera(), PIXEL), beside)
+    found = hits.positions(ray_origins(camera(), PIXEL), ray_directions(camera(), PIXEL), beside)
     torch.testing.assert_close(found[inner], position[inner], atol=2e-4, rtol=0)
     assert torch.equal(found[hits.depth == torch.inf], beside[hits.depth == torch.inf])
     assert (~meets).sum() > 4000

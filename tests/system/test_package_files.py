@@ -39,6 +39,7 @@ PACKAGE = Package(
     licence="No licence.",
     licence_member="pack/LICENSE",
     fetch_command="livehand fetch-nothing",
+    megabytes=1,
 )
 
 

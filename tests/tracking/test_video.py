@@ -59,6 +59,14 @@ def test_a_clock_that_jumps_by_a_day_costs_one_frame_and_a_warning(film, shown, 
     assert f"{video.path}: its clock jumps by 80000 s after frame 5; each jump" in capsys.readouterr().err
 
 
+def test_broken_time_stamps_are_named(film, shown, capsys):
+    pictures = moving(shown, count=4) * 30
+    broken = open_video(film(pictures, times=[index / 1080 for index in range(120)]))
+    assert f"{broken.path}: its time stamps give {broken.fps:.4g} frames a second" in capsys.readouterr().err
+    open_video(film(pictures, times=[index / 200 for index in range(120)]))
+    assert "broken" not in capsys.readouterr().err
+
+
 CLOCKWISE = [0, 1 << 16, 0, -(1 << 16), 0, 0, 180 << 16, 0, 1 << 30]
 HALF_A_TURN = [-(1 << 16), 0, 0, 0, -(1 << 16), 0, 0, 0, 1 << 30]
 

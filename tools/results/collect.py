@@ -2,6 +2,7 @@
 
     python -m livehand.tools.results.collect avatars                     # headers of the avatars that ship; seconds
     python -m livehand.tools.results.collect benchmark [OPTIONS]         # `livehand benchmark`; minutes
+    python -m livehand.tools.results.collect release                     # the zips in dist/release; seconds
 
 OPTIONS are those of `livehand benchmark`. Each file says by which command it was made, when, and at which commit.
 """
@@ -26,9 +27,10 @@ from .write import DATA, ROOT
 def main() -> int:
     """Run the commands of one kind of figures and write their file; return the exit code."""
     parser = argparse.ArgumentParser(description="collect figures from LiveHand's own commands")
-    parser.add_argument("what", choices=("avatars", "benchmark"))
+    parser.add_argument("what", choices=("avatars", "benchmark", "release"))
     args, options = parser.parse_known_args()
-    document = collect_avatars() if args.what == "avatars" else collect_benchmark(options)
+    collectors = {"avatars": collect_avatars, "release": collect_release}
+    document = collectors[args.what]() if args.what in collectors else collect_benchmark(options)
     path = ROOT / DATA / f"{args.what}.json"
     news = keep(document, path)
     sys.stdout.write(f"{'written' if news else 'as before'}: {path.relative_to(ROOT)}\n")
@@ -49,6 +51,15 @@ def collect_avatars() -> dict[str, Any]:
     paths = {skin: shipped_avatar_path(skin) for skin in SKINS}
     people = {skin: describe(run(["inspect", str(path)]), path) for skin, path in paths.items()}
     return {"source": source("`livehand inspect` of the avatars that ship"), "people": people}
+
+
+def collect_release() -> dict[str, Any]:
+    """Measure the zips that `make release` has built: what they are for, and their megabytes."""
+    zips = {
+        path.stem.split("-", 2)[2]: round(path.stat().st_size / 1e6, 1)
+        for path in sorted((ROOT / "dist" / "release").rglob("*.zip"))
+    }
+    return {"source": source("`make release`"), "zips": zips}
 
 
 def describe(header: Mapping[str, Any], path: Path) -> dict[str, Any]:

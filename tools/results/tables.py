@@ -153,6 +153,24 @@ def contrast(avatars: Document) -> list[str]:
     return markdown(["band", *of], rows)
 
 
+SYSTEMS = {"windows_x64": "Windows", "macos_arm64": "macOS, Apple silicon", "linux_x64": "Linux"}
+
+
+def zips(release: Document) -> list[str]:
+    """Return the megabytes of a release's zips by system and Blender; the slim one is for all."""
+    of = release["zips"]
+    rows = [
+        [label, *(size_of(of, f"{name}-{python}") for python in ("py311", "py313"))] for name, label in SYSTEMS.items()
+    ]
+    rows.append(["without packages", size_of(of, "slim"), size_of(of, "slim")])
+    return markdown(["MB", "Blender 4.2 to 5.0", "5.1 and later"], rows) + origin(release["source"])
+
+
+def size_of(sizes: Mapping[str, float], name: str) -> str:
+    """Return the size of a zip as text; a dash if it was not built."""
+    return digits(sizes[name]) if name in sizes else "-"
+
+
 def summary(views: Document, avatars: Document, benchmark: Document, idle: Document) -> list[str]:
     """Return the README's four rows, of the light avatar, linked to the pages that say what they mean.
 

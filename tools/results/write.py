@@ -19,7 +19,13 @@ from . import tables
 
 ROOT = Path(__file__).parents[2]
 DATA = Path("docs/results/data")
-PAGES = ("README.md", "docs/results/speed.md", "docs/results/quality.md", "docs/results/comparison.md")
+PAGES = (
+    "README.md",
+    "docs/use/install.md",
+    "docs/results/speed.md",
+    "docs/results/quality.md",
+    "docs/results/comparison.md",
+)
 BLOCK = re.compile(r"(<!-- table: ([\w.-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 OPENING = re.compile(r"<!-- table:")
 
@@ -32,6 +38,7 @@ TABLES: dict[str, Callable[[Documents], list[str]]] = {
     "people": lambda of: tables.people(of["avatars"]),
     "splits": lambda of: tables.splits(of["avatars"]),
     "contrast": lambda of: tables.contrast(of["avatars"]),
+    "zips": lambda of: tables.zips(of["release"]),
     "summary": lambda of: tables.summary(of["views"], of["avatars"], of["benchmark"], of["idle"]),
 }
 

@@ -92,7 +92,8 @@ def read_transforms(
         entries = list(document["frames"])
     except (LiveHandError, KeyError, TypeError) as error:
         raise LiveHandError(f"{path} must hold JSON with a list of frames ({type(error).__name__}: {error})") from error
-    frames, faults = [], []
+    frames: list[TransformsFrame] = []
+    faults: dict[str, list[str]] = {}  # the frames that have each
     files = _Files(path.parent, allows_outside)
     lights = _FrameLights(files, document.get("lights", []), metres_per_unit)
     for number, entry in enumerate(entries):
@@ -102,10 +103,17 @@ def read_transforms(
         except (KeyError, TypeError, ValueError, ZeroDivisionError, OverflowError, LiveHandError) as error:
             name = entry.get("file_path", number) if isinstance(entry, dict) else number
             what = f"{error} is missing" if isinstance(error, KeyError) else error
-            faults.append(f"frame {name}: {what}")
+            faults.setdefault(str(what), []).append(str(name))
     if faults or not frames:
-        raise LiveHandError.of_faults(str(path), faults or ["frames must not be empty"])
+        found = [_fault(what, of_frames) for what, of_frames in faults.items()]
+        raise LiveHandError.of_faults(str(path), found or ["frames must not be empty"])
     return frames
+
+
+def _fault(what: str, frames: list[str]) -> str:
+    """Word what is wrong in these frames once."""
+    more = f" and {len(frames) - 1} more" if len(frames) > 1 else ""
+    return f"frame {frames[0]}{more}: {what}"
 
 
 def _read_frame(entry: Mapping[str, Any], files: _Files, poses: PoseTable, metres_per_unit: float) -> TransformsFrame:

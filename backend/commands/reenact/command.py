@@ -11,7 +11,7 @@ import numpy as np
 
 from ...avatars.library import AVATAR_HELP, avatar_path
 from ...records.errors import LiveHandError
-from ...system.command import Command
+from ...system.command import Command, warn
 from ...system.files import replacing
 from ...tracking.sighted_take import filmed_take, frames_of_film
 from ..track import parse_fov
@@ -51,6 +51,7 @@ def _parse_shutter(text: str) -> float:
 def _run(args: argparse.Namespace) -> dict[str, Any]:
     from ...avatars.file import load_avatar
     from ...hand.model_file import DEFAULT_HAND, load_hand_model
+    from ...motion.landmarks.take_file import take_doubts
     from ...motion.landmarks.take_fit import fit_take
     from ...render.renderer import Renderer
     from ...tracking.takes import track_frames
@@ -71,6 +72,8 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     hands = []
     for side, hand in take.hands.items():
         fit = fit_take(hand, take.times, take.camera, model, side, take.fps)
+        if doubt := take_doubts(fit, model):
+            warn(f"livehand reenact: check the {side} hand: {doubt}")
         hands.append(FilmedShots.of(fit, take.camera, model))
     look = measured_look(video.frames(), len(take.times), hands, renderers)
     pictures = reenacted(video.frames(), hands, renderers, look, args.side_by_side, args.shutter)

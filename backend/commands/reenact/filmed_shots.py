@@ -63,16 +63,15 @@ class FilmedShots:
         return Shot(pose, posed_vertices(self.model, pose), camera, studio_light())
 
     def arm_reach(self, shot: Shot) -> tuple[np.ndarray, float]:
-        """Measure the direction of the forearm [3] in the world, and how far along it the surface reaches, m."""
-        wrist = shot.vertices[np.argsort(self._along_arm)[-_STUMP:]].mean(0)
-        palm = shot.vertices[np.abs(self._along_arm - np.median(self._along_arm)) < _BAND_M].mean(0)
-        along = (wrist - palm) / np.linalg.norm(wrist - palm)
-        return along, float((shot.vertices @ along).max())
+        """Measure the direction from knuckle to wrist [3] in the world, and how far along it the hand is shown, m."""
+        wrist, knuckle = self._wrist_and_knuckle(shot)
+        along = (wrist - knuckle) / np.linalg.norm(wrist - knuckle)
+        return along, min(float((shot.vertices @ along).max()), float(wrist @ along) + _BEHIND_M)
 
     def before_the_cut(self, shot: Shot) -> np.ndarray:
         """Return [H, W] 1 on the hand's side of the wrist's cut in the picture, 0 on the arm's, soft between them."""
         along, reach_m = self.arm_reach(shot)
-        middle = shot.vertices.mean(0)
+        _, middle = self._wrist_and_knuckle(shot)
         cut = middle + along * (reach_m - middle @ along)
         (start, end), _ = shot.camera.project(np.stack([middle, cut]))
         length = max(float(np.linalg.norm(end - start)), 1.0)
@@ -82,11 +81,11 @@ class FilmedShots:
         beyond = ((columns - end[0]) * x + (rows - end[1]) * y) / (_SOFT * length)
         return np.clip(-beyond, 0, 1).astype(np.float32)
 
-    @property
-    def _along_arm(self) -> np.ndarray:
-        """[V] m; the template's fingers point to -X, or to +X on a left hand."""
-        return self.model.v_template[:, 0] * (1 if self.model.side == "right" else -1)
+    def _wrist_and_knuckle(self, shot: Shot) -> np.ndarray:
+        """Locate the wrist and the middle finger's knuckle [2, 3] m of the posed surface in the world."""
+        return self.model.J_regressor[[0, _MIDDLE_KNUCKLE]] @ shot.vertices
 
 
-_STUMP, _BAND_M = 40, 0.005
-_SOFT = 0.2  # of the distance from the hand's middle to its cut
+_MIDDLE_KNUCKLE = 4
+_BEHIND_M = 0.015  # from the wrist
+_SOFT = 0.2  # of the distance from the knuckle to the cut

@@ -13,7 +13,8 @@ _FADE_M = 0.015
 _GAINS = (0.1, 4.0)
 _LEAST_PIXELS = 12
 _SOLID = 0.95  # alpha
-_SMOOTH_S = 0.7
+_SMOOTH_S, _FAR = 2.0, 40.0
+_MOST_CHANGE = 0.2  # of a gain's logarithm within a take
 
 
 def over(frame: Frame, ground: np.ndarray, gain: np.ndarray) -> np.ndarray:
@@ -59,10 +60,16 @@ def colour_gain(frame: Frame, picture: np.ndarray) -> np.ndarray | None:
 
 
 def smooth_gains(times: np.ndarray, gains: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Smooth gains [N, 3] to wanted times: [T, 3], means of their logarithms weighted by nearness."""
+    """Smooth gains [N, 3] to wanted times: [T, 3], means of their logarithms weighted by nearness.
+
+    What differs much from the take's median comes from a hand that covers the filmed one badly, and counts little.
+    """
+    logs = np.log(gains)
+    usual = np.median(logs, 0)
+    logs = usual + np.clip(logs - usual, -_MOST_CHANGE, _MOST_CHANGE)
     distance = (np.asarray(wanted)[:, None] - np.asarray(times)[None]) / _SMOOTH_S
-    weights = np.exp(-0.5 * distance**2) + 1e-9
-    return np.exp(weights @ np.log(gains) / weights.sum(1, keepdims=True))
+    weights = np.exp(-0.5 * np.minimum(distance**2, _FAR))
+    return np.exp(weights @ logs / weights.sum(1, keepdims=True))
 
 
 def _box(mask: np.ndarray) -> tuple[slice, slice]:

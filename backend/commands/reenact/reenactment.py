@@ -15,10 +15,10 @@ from ...records.frame import Frame
 from ...records.shot import Shot
 from ...render.composition import mean_frame
 from ...render.renderer import Renderer
-from ...tracking.resting_camera import MOST_CHANGE, ground_change
 from ...tracking.video import VideoFrame
 from .filmed_shots import FilmedShots
 from .overlay import colour_gain, faded, over, smooth_gains, wrist_fade
+from .plate import clean_plate
 
 _SHARP_PX = 1.5  # path during the exposure, below which a frame is sharp
 _STEP_PX = 3.0  # between two renders
@@ -44,8 +44,13 @@ def exposed(
     for sample in samples:
         shot = shots.shot(index + sample.offset_frames)
         sharp.append(render(shot))
-        frames.append(faded(sharp[-1], wrist_fade(sharp[-1], shot.camera, *shots.arm_reach(shot))))
+        frames.append(hand_alone(sharp[-1], shot, shots))
     return mean_frame(frames), np.mean([frame.alpha for frame in sharp], 0)
+
+
+def hand_alone(frame: Frame, shot: Shot, shots: FilmedShots) -> Frame:
+    """Fade a frame out behind the wrist: nobody tracks the filmed arm, and a straight one would lie beside it."""
+    return faded(frame, wrist_fade(frame, shot.camera, *shots.arm_reach(shot)))
 
 
 def path_px(shots: FilmedShots, index: int, shutter_frames: float) -> float:
@@ -60,48 +65,6 @@ def path_px(shots: FilmedShots, index: int, shutter_frames: float) -> float:
 def sample_count(moved_px: float) -> int:
     """Count the renders for a path; one if it is short."""
     return 1 if moved_px < _SHARP_PX else min(max(2, ceil(moved_px / _STEP_PX) + 1), _MOST_SAMPLES)
-
-
-_BAND_ROWS = 64  # at once, which bounds memory
-
-
-def clean_plate(pictures: Sequence[np.ndarray], covered: Sequence[np.ndarray]) -> np.ndarray | None:
-    """Build the ground, uint8 [H, W, 3]; None if the camera moves.
-
-    Args:
-        pictures: uint8 [H, W, 3], frames of the footage.
-        covered: [H, W] bool, where the hand may be. A pixel that is covered in all frames is filled from around it.
-    """
-    change = ground_change(pictures, covered)
-    if change is None or change > MOST_CHANGE:
-        return None
-    plate = np.zeros(pictures[0].shape, np.float32)
-    hidden_always = np.logical_and.reduce(covered)
-    if hidden_always.all():
-        return None
-    for top in range(0, len(plate), _BAND_ROWS):
-        rows = slice(top, top + _BAND_ROWS)
-        values = np.stack([picture[rows] for picture in pictures]).astype(np.float32)
-        hidden = np.stack([mask[rows] for mask in covered])
-        hidden &= ~hidden_always[rows]
-        values[hidden] = np.nan
-        plate[rows] = np.nanmedian(values, 0)
-    return filled(plate, ~hidden_always).round().astype(np.uint8)
-
-
-def filled(values: np.ndarray, is_known: np.ndarray) -> np.ndarray:
-    """Fill values [H, W, 3] where they are not known [H, W] by those of ever coarser means around them."""
-    if is_known.all() or not is_known.any():
-        return values
-    height, width = is_known.shape
-    padded = ((0, height % 2), (0, width % 2), (0, 0))
-    weight = np.pad(is_known[..., None].astype(np.float32), padded)
-    total = np.pad(values * is_known[..., None], padded)
-    shape = (weight.shape[0] // 2, 2, weight.shape[1] // 2, 2, -1)
-    counts, sums = (part.reshape(shape).sum((1, 3)) for part in (weight, total))
-    coarse = filled(sums / np.maximum(counts, 1), counts[..., 0] > 0)
-    back = coarse.repeat(2, 0).repeat(2, 1)[:height, :width]
-    return np.where(is_known[..., None], values, back)
 
 
 _SAMPLES = 24  # frames that plate and gains are measured in
@@ -141,7 +104,8 @@ def measured_look(
             at = shots.index_at(time_s)
             if at is None:
                 continue
-            rendered = [renderer.render(shots.shot(at, scale)) for renderer in renderers]
+            shot = shots.shot(at, scale)
+            rendered = [hand_alone(renderer.render(shot), shot, shots) for renderer in renderers]
             height, width = rendered[0].alpha.shape
             small = np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.BOX))
             found = [colour_gain(frame, small) for frame in rendered]

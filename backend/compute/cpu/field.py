@@ -99,7 +99,8 @@ class FusedRayRenderer:
 
     def _units(self, hand: HandInView) -> RayUnits:
         values = (self.config.shell_m, hand.camera.focal_px, hand.mesh.scale)
-        return RayUnits(self.config.samples_along(hand), *(np.float32(value) for value in values))
+        shell_m, focal_px, scale = (np.float32(value) for value in values)
+        return RayUnits(self.config.samples_along(hand), shell_m, focal_px, scale, hand.camera.is_orthographic)
 
     def _buffers(self, rays: int, samples: int) -> tuple[Composite, Tensor, Tensor]:
         """Allocate composited gathered features, sample depths [R, N] and steps [R]; all zero."""

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ...field.rays import CameraTensors
+from ...field.rays import CameraTensors, direction_axes
 from ...image.edge_avoiding_filter import FACING_POWER, SHARES, RaySurfacePoints
 from ...image.shading import MIN_ALPHA, EnlargedRays, RaysAround, ShadingInputs, SurfaceDepth, ray_depths, ray_rows
 from ...light.brdf import LEAST_ROUGHNESS
@@ -79,7 +79,7 @@ def normals_at_steps(
 def view_directions(camera: CameraTensors, pixel: Int[Tensor, " P"]) -> Float[Tensor, "P 3"]:
     """Compute `field.rays.view_directions` to the precision of fp32: rays that sample a field are more sensitive."""
     directions, width = torch.empty(len(pixel), 3), camera.size_px[0]
-    at, axes = as_arrays(pixel, torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3])
+    at, axes = as_arrays(pixel, direction_axes(camera))
     out = directions.numpy()
     in_parallel(lambda first, last: fill_views(at, width, axes, first, last, out), len(at))
     return directions

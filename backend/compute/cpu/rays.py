@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ...field.rays import CameraTensors, HandInView, SurfaceRays, project, ray_directions, ray_origin
+from ...field.rays import CameraTensors, HandInView, SurfaceRays, project, ray_directions, ray_origins
 from ...field.sampler import BEFORE_M, BEHIND_M, LEAST_REACH_M, SamplerConfig, strata
 from ...geometry.mesh import PosedMesh, Topology
 from ...geometry.rasterise import NearestFronts
@@ -39,9 +39,9 @@ def projected_mesh(camera: CameraTensors, vertices: Float[Tensor, "V 3"], faces:
     """Project the mesh into the camera."""
     count = len(vertices)
     at, corners, *matrices = as_arrays(vertices, faces, camera.K, camera.world2cam)
-    mesh = ProjectedMesh(np.empty((count, 2), np.float32), np.empty(count, np.float32), corners)
-    in_parallel(lambda first, last: project_vertices(at, *matrices, first, last, *mesh[:2]), count)
-    return mesh
+    positions_px, depth, is_flat = np.empty((count, 2), np.float32), np.empty(count, np.float32), camera.is_orthographic
+    in_parallel(lambda first, last: project_vertices(at, *matrices, is_flat, first, last, positions_px, depth), count)
+    return ProjectedMesh(positions_px, depth, corners, is_flat)
 
 
 class Fronts(NamedTuple):
@@ -74,7 +74,7 @@ def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
     shell = config.shell_m * mesh.scale * mesh.normals
     faces, (width, height) = topology.faces.numpy(), camera.size_px
     outer, inner = (
-        ProjectedMesh(positions_px.numpy(), depth.numpy(), faces)
+        ProjectedMesh(positions_px.numpy(), depth.numpy(), faces, camera.is_orthographic)
         for positions_px, depth in (project(camera, mesh.vertices + shell), project(camera, mesh.vertices - shell))
     )
     pixels = width * height
@@ -100,7 +100,8 @@ def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
 def first_hit(hand: HandInView) -> NearestFronts:
     """Compute `field.sampler.first_hit` by kernels."""
     positions_px, depth = project(hand.camera, hand.mesh.vertices)
-    mesh = ProjectedMesh(positions_px.numpy(), depth.numpy(), hand.topology.faces.numpy())
+    faces = hand.topology.faces.numpy()
+    mesh = ProjectedMesh(positions_px.numpy(), depth.numpy(), faces, hand.camera.is_orthographic)
     fronts = find_fronts(mesh, hand.camera.size_px)
     return NearestFronts(torch.as_tensor(fronts.depth), torch.as_tensor(fronts.face))
 
@@ -111,7 +112,7 @@ def live_rays(crossings: ShellCrossings, hand: HandInView) -> tuple[Tensor, Tens
     in_parallel(lambda first, last: find_live(crossings, first, last, is_live), len(is_live))
     pixel = torch.as_tensor(is_live.nonzero()[0])
     directions = ray_directions(hand.camera, pixel)
-    return pixel, directions, Rays(pixel.numpy(), directions.numpy(), ray_origin(hand.camera).numpy())
+    return pixel, directions, Rays(pixel.numpy(), directions.numpy(), ray_origins(hand.camera, pixel).numpy())
 
 
 def surface_of(mesh: PosedMesh, topology: Topology) -> SurfaceTables:

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ...field.rays import CameraTensors, ray_origin
+from ...field.rays import CameraTensors, origin_axes
 from ...geometry.local_rotation import LocalFrames
 from ...geometry.mesh import PosedMesh, Topology
 from ...hand.lbs import SkinMotion, SkinTensors
@@ -21,7 +21,7 @@ from ...surface.albedo_ratio import RATIO_STEP
 from ...surface.detail_maps import BUMP, GLOSS_STEP, SHADE_STEP, SLOPE_STEP_MM, DetailMaps
 from ...surface.detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
 from ...surface.detail_mesh import SAMPLES, DetailMesh, DetailTemplate, PixelSurface, SubdivisionLevel
-from ...surface.edge_antialiasing import SPREAD, STEP_M, STEP_PX, EdgePixels
+from ...surface.edge_antialiasing import SPREAD, EdgePixels, part_steps
 from ...surface.ray_hits import RayHits
 from ...surface.shading_detail import FOLD_LOG_ALBEDO, LEAST_COSINE, MOST_TAPS, ONE_TAP_MORE, SHARPER
 from ..kernels.detail import (
@@ -159,7 +159,7 @@ def visible_surface(mesh: DetailMesh, camera: CameraTensors) -> PixelSurface:
     covered, coverage, deep = np.empty((3, pixels), np.float32)
     bone_of_face, apart = as_arrays(*mesh.bones)
     marks = EdgeMask(np.empty(pixels, np.float32), np.empty(pixels, np.int8), bone_of_face, apart)
-    step_m, step_per_m = np.float32(STEP_M * mesh.scale), np.float32(STEP_PX / camera.focal_px)
+    step_m, step_per_m = (np.float32(step) for step in part_steps(camera, mesh.scale))
 
     def mark_rows(first: int, last: int) -> None:
         mark_outline(face_at, width, height, first, last, on_outline)
@@ -218,7 +218,8 @@ def detailed_image(
 ) -> ShadingInputs:
     """Replace the image's skin by the avatar's surface."""
     surface = PosedSurface(*as_arrays(mesh.vertices, mesh.normals, mesh.faces, mesh.corner_uv, mesh.flex))
-    faces = VisibleFaces(*as_arrays(seen.face, seen.depth, seen.coverage, ray_origin(camera)))
+    of_pixels = seen.face, seen.coverage, camera.divisor(seen.depth), origin_axes(camera)
+    faces = VisibleFaces._make((*as_arrays(*of_pixels), camera.size_px[0]))
     table = DetailTable(maps.table.numpy(), np.array([first for first, _ in maps.levels]), maps.resolution)
     ratio = _ratio_table(maps)
     changed = image._replace(**{name: _copy(getattr(image, name)) for name in ("coefficients", "normal", "alpha")})

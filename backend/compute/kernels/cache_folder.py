@@ -7,12 +7,14 @@ its place, wherever a variable or a home points: on farms that may be a folder o
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+_PREPARED = "prepared"  # a file beside the kernels, once all are there
 _ROOM_BYTES = 1 << 25  # that all compiled kernels may take: numba fails where it cannot keep it
 _ROOT = 0
 
@@ -25,6 +27,29 @@ def writable_cache(configured: str) -> Path | None:
     """
     found = (_private_folder(folder) for folder in _candidates(configured))
     return next((folder for folder in found if folder and _takes_files(folder)), None)
+
+
+def kernel_folder_name() -> str:
+    """Return the name of the folder of these kernels' machine code.
+
+    numba checks only the file of the kernel itself, and would run old code when a kernel calls a changed one from
+    another file, so the folder is named after the text of all kernels. It is also named after this package, because a
+    cached signature refers to the classes of its named tuples by their module's name.
+    """
+    sources = sorted(Path(__file__).parent.glob("*.py"))
+    text = b"".join(source.read_bytes() for source in sources)
+    return f"kernels-{hashlib.sha256(str(__package__).encode() + text).hexdigest()[:16]}"
+
+
+def is_prepared() -> bool:
+    """Return whether a user's machine has all kernels compiled, which a file says; asks without numba."""
+    name = kernel_folder_name()
+    return any((home / name / _PREPARED).is_file() for home in _candidates(os.environ.get("NUMBA_CACHE_DIR", "")))
+
+
+def mark_prepared(folder: Path) -> None:
+    """Say that all kernels are compiled in their folder."""
+    (folder / _PREPARED).touch()
 
 
 def _candidates(configured: str) -> Iterator[Path]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import inspect
+import sys
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -12,9 +12,10 @@ from typing import Any
 
 import numba
 from numba.core import config
+from numba.core.dispatcher import Dispatcher
 from numba.core.options import DefaultOptions
 
-from .cache_folder import writable_cache
+from .cache_folder import kernel_folder_name, writable_cache
 
 _LOOSE = {"reassoc", "contract", "nsz", "arcp"}
 _UNCOUNTED = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
@@ -52,12 +53,7 @@ def _compiled(function: Callable[..., Any], fastmath: bool | set[str], **options
 
 @contextlib.contextmanager
 def disk_cache() -> Iterator[bool]:
-    """Let numba keep the machine code of new functions on disk inside the context; yields whether it can.
-
-    numba checks only the file of the kernel itself, and would run old code when a kernel calls a changed one from
-    another file, so the folder is named after the text of all kernels. It is also named after this package, because a
-    cached signature refers to the classes of its named tuples by their module's name.
-    """
+    """Let numba keep the machine code of new functions on disk inside the context; yields whether it can."""
     options: dict[str, Any] = config.__dict__  # numba defines its options at run time
     previous = options["CACHE_DIR"]
     folder = _cache_folder(previous)
@@ -75,8 +71,12 @@ def kernel_folder() -> Path | None:
 
 @cache
 def _cache_folder(configured: str) -> Path | None:
-    sources = sorted(Path(__file__).parent.glob("*.py"))
-    text = b"".join(source.read_bytes() for source in sources)
-    digest = hashlib.sha256(str(__package__).encode() + text).hexdigest()[:16]
     home = writable_cache(configured)
-    return home and home / f"kernels-{digest}"
+    return home and home / kernel_folder_name()
+
+
+def kernel_counts() -> tuple[int, int]:
+    """Count the kernels that have machine code, and all of those that are imported."""
+    loaded = [module for name, module in sys.modules.items() if name.startswith(f"{__package__}.")]
+    kernels = {id(one): one for module in loaded for one in vars(module).values() if isinstance(one, Dispatcher)}
+    return sum(bool(kernel.signatures) for kernel in kernels.values()), len(kernels)

@@ -30,7 +30,8 @@ _ALONG_B, _ALONG_C, _UV_B, _UV_C = 31, 34, 37, 39
 _U, _V, _STEP, _COSINE, _BENT, _SURFACE = 41, 42, 43, 45, 46, 47
 _SLOPES_AT, _BLURRED_AT = 50, 56  # slopes that were read, sharp and blurred
 _BUMPED, _BLURRED = 62, 65  # normals
-_ROWS = 68
+_ORIGIN = 68
+_ROWS = 71
 
 
 class VisibleFaces(NamedTuple):
@@ -38,23 +39,24 @@ class VisibleFaces(NamedTuple):
 
     Attributes:
         face: [P] the first front face in the centre, -1 for none.
-        depth: [P] of it, m.
         coverage: [P].
-        camera: [3] its centre, m.
+        divisor: [P] what the camera divides lengths by there: the depth, m, or 1 where rays are parallel.
+        origin_axes: [3, 3] what (x, y, 1) px is multiplied by to get a ray's point of depth 0, m.
+        width: of the image, px.
     """
 
     face: np.ndarray
-    depth: np.ndarray
     coverage: np.ndarray
-    camera: np.ndarray
+    divisor: np.ndarray
+    origin_axes: np.ndarray
+    width: int
 
 
 class PosedSurface(NamedTuple):
     """A posed detail surface: N vertices, M faces.
 
     Attributes:
-        vertices: [N, 3] m.
-        normals: [N, 3] unit.
+        vertices, normals: [N, 3] m, and unit.
         faces: [M, 3].
         corner_uv: [M, 3, 2].
         flex: [N] bend of the skin.
@@ -106,8 +108,7 @@ class DetailConstants(NamedTuple):
         deepened_from: how much of palmar creases shows.
         deepened_by: what bending adds.
         bump: of a stored step of a slope, m.
-        shade: what a stored step of shades and nails is worth.
-        gloss: of squared alphas.
+        shade, gloss: what a stored step of shades and nails is worth, and of squared alphas.
         bump_share: as `BUMP`.
         most_taps: as `MOST_TAPS`.
         pigment_colour: [3].
@@ -168,7 +169,7 @@ def add_skin(seen, surface, maps, ratio, constants, first, last, image):
     start = first
     while start < last:
         start, count = _gather(seen, surface, constants, image, start, last, rows, of_pixel)
-        _place(rows, seen.camera, constants)
+        _place(rows, constants)
         for index in range(count):
             _read(maps, constants, rows, index, values[index], blurred)
         _bend(rows, constants)
@@ -204,7 +205,10 @@ def _gather(seen, surface, constants, image, start, last, rows, of_pixel):
                 rows[row + _FLEX, count] = surface.flex[vertex]
             for k in range(3):
                 rows[_VIEW + k, count] = image.view_direction[start, k]
-            rows[_DEPTH, count] = seen.depth[at]
+                x, y = np.float32(at % seen.width) + _HALF, np.float32(at // seen.width) + _HALF
+                axes = seen.origin_axes
+                rows[_ORIGIN + k, count] = x * axes[0, k] + y * axes[1, k] + axes[2, k]
+            rows[_DEPTH, count] = seen.divisor[at]
             of_pixel[count] = start
             count += 1
         start += 1
@@ -218,11 +222,11 @@ def _fill_specular(nail, coverage, coefficients):
 
 
 @part
-def _place(rows, camera, constants):
+def _place(rows, constants):
     """Fill where in the maps the pixels look, and what is known of the surface there."""
-    eye_x, eye_y, eye_z = camera[0], camera[1], camera[2]
     for i in range(np.uintp(_BLOCK)):
         ax, ay, az = rows[_A, i], rows[_A + 1, i], rows[_A + 2, i]
+        eye_x, eye_y, eye_z = rows[_ORIGIN, i], rows[_ORIGIN + 1, i], rows[_ORIGIN + 2, i]
         bx, by, bz = rows[_B, i] - ax, rows[_B + 1, i] - ay, rows[_B + 2, i] - az
         cx, cy, cz = rows[_C, i] - ax, rows[_C + 1, i] - ay, rows[_C + 2, i] - az
         nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx

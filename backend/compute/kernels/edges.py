@@ -171,7 +171,8 @@ def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, bi
                     is_inside = (wa <= _0) & (wb <= _0) & (wc <= _0)  # front faces are clockwise on screen
                     found |= np.uint32(is_inside) << np.uint32(k)
                 if found != 0 and slot >= 0:
-                    _note_nearest(found, slot, face, corners, (depth[a], depth[b], depth[c]), x, y, samples, at_edges)
+                    depths = depth[a], depth[b], depth[c], mesh.is_orthographic
+                    _note_nearest(found, slot, face, corners, depths, x, y, samples, at_edges)
                 bits[at] |= np.uint16(found)
 
 
@@ -187,11 +188,17 @@ def _edges(corners, px, py):
 
 @part
 def _note_nearest(found, slot, face, corners, depths, x, y, samples, at_edges):
-    """Note a face at the samples at which a pixel found it, where nothing nearer was; `depths` are its corners'."""
+    """Note a face at the samples at which a pixel found it, where nothing nearer was.
+
+    `depths` are its corners', and whether they are linear on screen.
+    """
     for k in range(_BITS):
         if (found >> np.uint32(k)) & np.uint32(1):
             wa, wb, wc = _edges(corners, np.float32(x) + samples[0, k], np.float32(y) + samples[1, k])
-            z = (wa + wb + wc) / (wa / depths[0] + wb / depths[1] + wc / depths[2])
+            if depths[3]:
+                z = (wa * depths[0] + wb * depths[1] + wc * depths[2]) / (wa + wb + wc)
+            else:
+                z = (wa + wb + wc) / (wa / depths[0] + wb / depths[1] + wc / depths[2])
             if z < at_edges.depth[slot, k]:
                 at_edges.depth[slot, k], at_edges.face[slot, k] = z, face
 

@@ -40,14 +40,16 @@ class RayUnits(NamedTuple):
     Attributes:
         samples: per ray.
         shell_m: half-width of the shell.
-        focal_px: focal length.
+        focal_px: focal length; px per m of an orthographic camera.
         scale: of the posed hand to its template.
+        is_orthographic: whether pixels are as wide at every depth.
     """
 
     samples: int
     shell_m: np.float32
     focal_px: np.float32
     scale: np.float32
+    is_orthographic: bool
 
 
 class PackedField(NamedTuple):
@@ -163,7 +165,7 @@ def _render_ray(ray, rays, crossings, surface, skin, field, units, buffers, out)
             x, y, z, depth, since[interval], pixel, crossings, surface, current, buffers.tried
         )
         height /= scale * units.shell_m
-        footprint_m = depth / (units.focal_px * scale)
+        footprint_m = (_1 if units.is_orthographic else depth) / (units.focal_px * scale)
         _gather(face, wb, wc, height, footprint_m, surface.faces, skin, field, buffers)
         optical_depth = _density(height, gathered, field, buffers.hidden) * step_mm
         if is_stopped and index == samples - 1:

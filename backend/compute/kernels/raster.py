@@ -13,11 +13,19 @@ _HALF, _0, _1, _NEAR_M, _MIN_AREA = (np.float32(value) for value in (0.5, 0, 1, 
 
 
 class ProjectedMesh(NamedTuple):
-    """A mesh before a camera: positions_px [V, 2], depth [V] m, faces [F, 3]."""
+    """A mesh before a camera.
+
+    Attributes:
+        positions_px: [V, 2].
+        depth: [V] m.
+        faces: [F, 3].
+        is_orthographic: whether the depth of a face is linear on screen, as its inverse is before a pinhole.
+    """
 
     positions_px: np.ndarray
     depth: np.ndarray
     faces: np.ndarray
+    is_orthographic: bool = False
 
 
 @compiled
@@ -36,7 +44,7 @@ def find_crossings(mesh, width, first_row, last_row, crossings):
         mark = face if area < _0 else -1 - face
         for y in range(y0, y1):
             for x in range(x0, x1):
-                z = fragment_depth(positions_px, depth, a, b, c, area, x, y)
+                z = fragment_depth(mesh, a, b, c, area, x, y)
                 if z > _0:
                     count[y * width + x] = _insert(
                         crossings.depth, crossings.face, y * width + x, count[y * width + x], z, mark
@@ -55,7 +63,7 @@ def nearest_depth(mesh, width, first_row, last_row, has_backs, nearest):
         x0, x1, y0, y1 = covered_centres(positions_px, a, b, c, width, first_row, last_row)
         for y in range(y0, y1):
             for x in range(x0, x1):
-                z = fragment_depth(positions_px, depth, a, b, c, area, x, y)
+                z = fragment_depth(mesh, a, b, c, area, x, y)
                 if z > _0:
                     nearest[y * width + x] = min(nearest[y * width + x], z)
 
@@ -133,7 +141,7 @@ def nearest_of_rows(mesh, rows, width, first_row, last_row, nearest, face_at):
         x0, x1, y0, y1 = covered_centres(positions_px, a, b, c, width, first_row, last_row)
         for y in range(y0, y1):
             for x in range(x0, x1):
-                z = fragment_depth(positions_px, depth, a, b, c, area, x, y)
+                z = fragment_depth(mesh, a, b, c, area, x, y)
                 if z > _0 and z < nearest[y * width + x]:
                     nearest[y * width + x], face_at[y * width + x] = z, face
 
@@ -167,8 +175,9 @@ def _centres(low, high, first, last):
 
 
 @compiled
-def fragment_depth(positions_px, depth, a, b, c, area, x, y):
-    """Compute the depth of a face at a pixel's centre; 0 where it does not cover it. 1/z is linear on screen."""
+def fragment_depth(mesh, a, b, c, area, x, y):
+    """Compute the depth of a face at a pixel's centre; 0 where it does not cover it."""
+    positions_px, depth = mesh.positions_px, mesh.depth
     px, py = np.float32(x) + _HALF, np.float32(y) + _HALF
     ax, ay = positions_px[a, 0], positions_px[a, 1]
     bx, by = positions_px[b, 0], positions_px[b, 1]
@@ -178,6 +187,8 @@ def fragment_depth(positions_px, depth, a, b, c, area, x, y):
     w2 = ((bx - ax) * (py - ay) - (by - ay) * (px - ax)) / area
     if w0 < _0 or w1 < _0 or w2 < _0:
         return _0
+    if mesh.is_orthographic:
+        return w0 * depth[a] + w1 * depth[b] + w2 * depth[c]
     return _1 / (w0 / depth[a] + w1 / depth[b] + w2 / depth[c])
 
 
@@ -197,7 +208,7 @@ def _insert(depths, marks, pixel, count, depth, mark):
 
 
 @compiled
-def project_vertices(vertices, K, world2cam, first, last, positions_px, depth):
+def project_vertices(vertices, K, world2cam, is_orthographic, first, last, positions_px, depth):
     """Fill positions_px [V, 2] and depth [V], m, of vertices [first, last) before a camera, in double precision."""
     k, to_camera = K.astype(np.float64), world2cam.astype(np.float64)
     for index in range(first, last):
@@ -206,7 +217,8 @@ def project_vertices(vertices, K, world2cam, first, last, positions_px, depth):
         right = to_camera[0, 0] * x + to_camera[0, 1] * y + to_camera[0, 2] * z + to_camera[0, 3]
         down = to_camera[1, 0] * x + to_camera[1, 1] * y + to_camera[1, 2] * z + to_camera[1, 3]
         ahead = to_camera[2, 0] * x + to_camera[2, 1] * y + to_camera[2, 2] * z + to_camera[2, 3]
-        scale = k[2, 0] * right + k[2, 1] * down + k[2, 2] * ahead
-        positions_px[row, 0] = (k[0, 0] * right + k[0, 1] * down + k[0, 2] * ahead) / scale
-        positions_px[row, 1] = (k[1, 0] * right + k[1, 1] * down + k[1, 2] * ahead) / scale
+        divisor = 1.0 if is_orthographic else ahead
+        scale = k[2, 0] * right + k[2, 1] * down + k[2, 2] * divisor
+        positions_px[row, 0] = (k[0, 0] * right + k[0, 1] * down + k[0, 2] * divisor) / scale
+        positions_px[row, 1] = (k[1, 0] * right + k[1, 1] * down + k[1, 2] * divisor) / scale
         depth[row] = ahead

@@ -61,11 +61,11 @@ class SurfaceTables(NamedTuple):
 
 
 class Rays(NamedTuple):
-    """Rays of a view: pixel [R], directions [R, 3] of depth 1, origin [3] m."""
+    """Rays of a view: pixel [R], directions [R, 3] of depth 1, origins [R, 3] of depth 0, m."""
 
     pixel: np.ndarray
     directions: np.ndarray
-    origin: np.ndarray
+    origins: np.ndarray
 
 
 class TracedSamples(NamedTuple):
@@ -154,9 +154,9 @@ def _reach(near, far, start, end, intervals):
 @part
 def point_at(rays, ray, depth):
     """Compute the point of a ray at a depth."""
-    x = rays.origin[0] + depth * rays.directions[ray, 0]
-    y = rays.origin[1] + depth * rays.directions[ray, 1]
-    z = rays.origin[2] + depth * rays.directions[ray, 2]
+    x = rays.origins[ray, 0] + depth * rays.directions[ray, 0]
+    y = rays.origins[ray, 1] + depth * rays.directions[ray, 1]
+    z = rays.origins[ray, 2] + depth * rays.directions[ray, 2]
     return x, y, z
 
 

@@ -56,7 +56,7 @@ def lit_share(points, faces, size, first, last, lit):
     shadow = np.empty(size * size, np.float32)
     for index in range(first, last):
         shadow[:] = np.inf
-        mesh = ProjectedMesh(points.px[index], points.depth[index], faces)
+        mesh = ProjectedMesh(points.px[index], points.depth[index], faces, False)
         nearest_depth(mesh, size, 0, size, True, shadow)
         for vertex in range(lit.shape[1]):
             x, y = points.lifted_px[index, vertex, 0], points.lifted_px[index, vertex, 1]

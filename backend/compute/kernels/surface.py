@@ -261,9 +261,11 @@ def fill_normals(mesh, normals, face, pixel, width, first, last, out):
         ax, ay = mesh.positions_px[a, 0], mesh.positions_px[a, 1]
         bx, by = mesh.positions_px[b, 0], mesh.positions_px[b, 1]
         cx, cy = mesh.positions_px[c, 0], mesh.positions_px[c, 1]
-        wa = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) / mesh.depth[a]
-        wb = ((ax - cx) * (y - cy) - (ay - cy) * (x - cx)) / mesh.depth[b]
-        wc = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / mesh.depth[c]
+        wa = (cx - bx) * (y - by) - (cy - by) * (x - bx)
+        wb = (ax - cx) * (y - cy) - (ay - cy) * (x - cx)
+        wc = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+        if not mesh.is_orthographic:
+            wa, wb, wc = wa / mesh.depth[a], wb / mesh.depth[b], wc / mesh.depth[c]
         squared, weight = _0, _1 / (wa + wb + wc)
         for axis in range(3):
             value = weight * (wa * normals[a, axis] + wb * normals[b, axis] + wc * normals[c, axis])

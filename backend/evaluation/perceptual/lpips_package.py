@@ -31,6 +31,7 @@ PACKAGE = Package(
     ),
     licence_member=None,
     fetch_command=FETCH_COMMAND,
+    megabytes=64,
 )
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ...hand.model import HandModel
+from ..gate import motion_doubts
 from ..landmarks.landmark_file import LandmarkFile
 from ..landmarks.picture_camera import PictureCamera
-from ..landmarks.take_file import TakeFile, warning_of
+from ..landmarks.take_file import TakeFile, take_doubts
 from ..mano_basis import find_basis
 from ..motion import HandMotion
 from ..resampling import smoothed
@@ -68,8 +69,10 @@ def motion_and_warning(
     """
     if isinstance(file, TakeFile):
         fit = file.fit(model)
-        return smoothed(fit.motion, options.smooth_frames), warning_of(fit)
+        return smoothed(fit.motion, options.smooth_frames), take_doubts(fit, model)
     if isinstance(file, LandmarkFile):
-        return file.motion(model, options.smooth_frames), file.warning(model)
-    basis = find_basis(options.mano_path, model_path)
-    return file.motion(basis), file.warning(basis)
+        motion, own = file.motion(model, options.smooth_frames), file.warning(model)
+    else:
+        basis = find_basis(options.mano_path, model_path)
+        motion, own = file.motion(basis), file.warning(basis)
+    return motion, "; ".join([*([own] if own else []), *motion_doubts(model, motion)]) or None

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from ...hand.model_file import load_default_hand
+from ...records.errors import LiveHandError
 from ..landmarks.landmark_file import LandmarkFile
 from ..landmarks.take_file import TakeFile
+from ..pose_file import FileInfo, PoseFile
+from .import_options import ImportOptions, motion_and_warning
 from .open_files import MotionFile
 
 _AXES = {
@@ -21,7 +25,7 @@ def file_summary(file: MotionFile) -> dict[str, str]:
     facts = {
         "format": info.format,
         "hand": " and ".join(file.sides) + (f" ({info.side} is read)" if len(file.sides) > 1 else ""),
-        "frames": f"{info.frames}" + (f", {info.missing} of them without a hand" if info.missing else ""),
+        "frames": _frames(info),
         "fps": f"{info.fps:g}" if info.fps else "not in the file",
         "axes": _AXES[info.space],
         "place": "in the file" if info.has_translation else "not in the file: the wrist does not move",
@@ -32,4 +36,22 @@ def file_summary(file: MotionFile) -> dict[str, str]:
         facts["mean"] = "in the angles" if info.has_mean_added else "to be added (needs a MANO file)"
         count = info.pca_components
         facts["angles"] = f"{count} components (needs a MANO file)" if count else "axis-angle"
+    if doubt := _doubt(file):
+        facts["check"] = doubt
     return facts | {f"note {number}": note for number, note in enumerate(info.notes, 1)}
+
+
+def _frames(info: FileInfo) -> str:
+    """Count the frames; a hand that comes later than the file begins is told by its first frame, from 1."""
+    late = f", from the file's {info.first + 1} on" if info.first else ""
+    return f"{info.frames}{late}" + (f", {info.missing} of them without a hand" if info.missing else "")
+
+
+def _doubt(file: MotionFile) -> str | None:
+    """Word what speaks against a pose file on the built-in hand; fits to landmarks are checked when they are made."""
+    if not isinstance(file, PoseFile):
+        return None
+    try:
+        return motion_and_warning(file, ImportOptions(), load_default_hand(), None)[1]
+    except LiveHandError as error:
+        return f"the poses are not checked: {error}"

@@ -11,6 +11,7 @@ from ...records.side import SIDES, Side
 from ...system.files import replacing
 from ...system.readers import npz_bytes
 from ..document import Document
+from ..gate import bends_backwards
 from ..motion import HandMotion
 from ..pose_file import PoseFile, pose_file, raw_hand
 from .format import Format
@@ -48,8 +49,15 @@ def _read(document: Document) -> PoseFile:
     fps = document.array(entries["fps"], "fps", ()).item() if "fps" in entries else None
     forearm = document.array(entries.get("forearm", np.zeros(3)), "forearm", (3,), (count, 3))
     raw = raw_hand(theta.reshape(count, 48), beta, transl, forearm=forearm)
-    side = _side(document, entries.get("side", "right"))
-    return pose_file(document.path, {side: raw}, _NAME, "hand", has_mean_added=True, fps=fps)
+    if "side" in entries:
+        side, notes = _side(document, entries["side"]), ()
+    else:
+        side = "left" if bends_backwards(theta, "right") else "right"
+        notes = (f"the file does not say which hand it is: read as a {side} one, as its fingers bend",)
+    is_guessed = "side" not in entries
+    return pose_file(
+        document.path, {side: raw}, _NAME, "hand", has_mean_added=True, fps=fps, notes=notes, is_side_guessed=is_guessed
+    )
 
 
 def _side(document: Document, value: object) -> Side:

@@ -135,10 +135,18 @@ def _scale(nodes: np.ndarray, skeleton: HandSkeleton) -> float:
     scale = float(palm / np.linalg.norm(skeleton.offsets(np.zeros(10))[:4, 0], axis=-1).mean())
     if not _SCALES[0] < scale < _SCALES[1]:
         raise LiveHandError(
-            f"landmarks must be a hand's, in metres, got one {scale:.3g} times as large; "
+            f"landmarks must be a hand's, in metres, got one {scale:.3g} times as large{_unit_guess(scale)}; "
             "give world landmarks, not those in the image, or change the unit"
         )
     return scale
+
+
+def _unit_guess(scale: float) -> str:
+    """Word which power of ten a hand's size is off by, if it is off by one."""
+    power = round(np.log10(scale)) if np.isfinite(scale) and scale > 0 else 0
+    if not power or not _SCALES[0] < scale / 10.0**power < _SCALES[1]:
+        return ""
+    return f", as if its unit were {10.0 ** abs(power):g} times {'larger' if power < 0 else 'smaller'}"
 
 
 def _check_reach(nodes: np.ndarray) -> None:

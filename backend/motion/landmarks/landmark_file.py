@@ -7,7 +7,7 @@ If the picture was mirrored, that shape is the mirror image of the real hand.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
 from ..document import Document
 from ..motion import HandMotion
-from ..pose_file import METRES, FileInfo, check_changes, with_gaps_filled
+from ..pose_file import METRES, FileInfo, Unit, check_changes, with_frames, with_gaps_filled
 from ..resampling import smoothed
 from .fit import METRIC, MONOCULAR, LandmarkFit, fit_landmarks, likelier_side, palm_m, side_errors
 from .picture_camera import PictureCamera, lifted
@@ -28,10 +28,19 @@ from .recording import is_recording, read_recording
 from .tracks import Track, follow_hands
 
 MEDIAPIPE, WEBXR, PICTURE = "MediaPipe landmarks", "WebXR joints", "MediaPipe picture landmarks"
+SHIFTED = "picture landmarks, moved or scaled"
 _SURE = 0.85  # of a side: the fit's error as a share of the other side's
 _PICTURE_NOTE = (
     "the landmarks are image coordinates, px, not metres: record world landmarks, or state the picture's camera"
 )
+_SHIFTED_NOTE = (
+    "the wrist moves across the picture but never in depth: the landmarks are a picture's that were moved or scaled "
+    "since, not metres"
+)
+_MIRRORED_NOTE = "a labelled hand bends as the other one: the axes are left-handed, as Unity's, and z is negated"
+_SCALES = (0.4, 2.5)  # of a hand against the built-in one
+_KNUCKLES = (5, 9, 13, 17)
+_NEGATED_Z = np.array([1.0, 1, -1])
 
 
 @dataclass(frozen=True)
@@ -88,8 +97,7 @@ class LandmarkFile:
             info = replace(info, side=_other(info.side))
         camera = picture_camera or self.picture_camera
         file = replace(self, info=info, is_picture_mirrored=is_mirrored, picture_camera=camera)
-        span = _span(file._track)
-        return replace(file, info=replace(info, frames=span, missing=span - len(file.frame_indices)))
+        return replace(file, info=with_frames(info, file.frame_indices))
 
     def fit(self, model: HandModel) -> LandmarkFit:
         """Fit the hand model to the landmarks, in the frames with a hand.
@@ -116,6 +124,11 @@ class LandmarkFile:
 
     def _points_m(self, model: HandModel) -> np.ndarray:
         metres = self.points * METRES[self.info.unit]
+        if self.info.format == SHIFTED:
+            raise LiveHandError(
+                f"{self.path} must hold world landmarks (metres), got those of a picture, moved or scaled since: the "
+                "wrist's depth is the same in all frames; record world landmarks, or give the tracker's own output"
+            )
         if self.info.format == PICTURE:
             if self.picture_camera is None:
                 raise LiveHandError(
@@ -143,20 +156,39 @@ def read_landmarks(document: Document) -> LandmarkFile:
     except LiveHandError as error:
         raise LiveHandError(f"{document.path}: {error}") from error
     name, space = (MEDIAPIPE, "opencv") if found.is_mediapipe else (WEBXR, "y_up")
-    name = PICTURE if found.is_picture else name
-    hands, notes = _by_shape(found.hands, found.is_mediapipe, has_metres=not found.is_picture)
+    name = PICTURE if found.is_picture else SHIFTED if found.is_shifted else name
+    unit = "m" if name in (PICTURE, SHIFTED) else likely_unit(found.hands)
+    hands, notes = _by_shape(found.hands, found.is_mediapipe, None if name in (PICTURE, SHIFTED) else METRES[unit])
     has_translation = name != MEDIAPIPE or any(_has_translation(track.points) for track in found.hands)
-    notes = (*notes, *found.notes, *((_PICTURE_NOTE,) if found.is_picture else ()))
+    if unit != "m":
+        notes = (*notes, f"the hand's size tells the unit: read as {unit}")
+    notes = (*notes, *found.notes, *((_PICTURE_NOTE,) if name == PICTURE else ()))
+    notes = (*notes, *((_SHIFTED_NOTE,) if name == SHIFTED else ()))
     side: Side = next(side for side in SIDES if side in hands)
-    info = FileInfo(name, side, True, 0, space, "m", recording.fps, 0, 0, notes, has_translation)
+    info = FileInfo(name, side, True, 0, space, unit, recording.fps, 0, 0, notes, has_translation)
     return LandmarkFile(document.path, hands, info).with_changes()
 
 
+def likely_unit(tracks: Sequence[Track]) -> Unit:
+    """Find the unit in which the palms have a hand's size; metres if none does."""
+    points = np.concatenate([track.points for track in tracks])
+    with np.errstate(over="ignore"):
+        palm = float(np.median(np.linalg.norm(points[:, _KNUCKLES] - points[:, :1], axis=-1).mean(-1)))
+    size = palm / palm_m(load_default_hand())
+    fitting: list[Unit] = [unit for unit, metres in METRES.items() if _SCALES[0] < size * metres < _SCALES[1]]
+    return fitting[0] if fitting else "m"
+
+
 def _by_shape(
-    tracks: tuple[Track, ...], is_mediapipe: bool, has_metres: bool
+    tracks: tuple[Track, ...], is_mediapipe: bool, scale_m: float | None
 ) -> tuple[dict[Side, Track], tuple[str, ...]]:
-    """Divide the tracks by the side that their shape has, and say how it was found."""
-    bends: list[Side | None] = [_bend(track.points) if has_metres else None for track in tracks]
+    """Divide the tracks by the side that their shape has, and say how it was found; a scale of None: no metres."""
+    bends: list[Side | None] = [None if scale_m is None else _bend(track.points * scale_m) for track in tracks]
+    if not is_mediapipe and _is_mirrored_space(tracks, bends):
+        flipped: dict[Side, Track] = {
+            track.label: track._replace(points=track.points * _NEGATED_Z) for track in tracks if track.label
+        }
+        return flipped, (_MIRRORED_NOTE,)
     labels: list[Side | None] = [_side_of_label(track, is_mediapipe) for track in tracks]
     if len({bend or label for bend, label in zip(bends, labels, strict=True)}) < len(tracks):
         bends = [None] * len(tracks)
@@ -166,6 +198,12 @@ def _by_shape(
         for track, side, bend in zip(tracks, sides, bends, strict=True)
     ]
     return dict(zip(sides, tracks, strict=True)), tuple(note for note in notes if note)
+
+
+def _is_mirrored_space(tracks: Sequence[Track], bends: Sequence[Side | None]) -> bool:
+    """Tell whether every labelled hand that surely bends does so as the other: trackers of joints know their sides."""
+    agrees = [bend == track.label for track, bend in zip(tracks, bends, strict=True) if bend and track.label]
+    return bool(agrees) and not any(agrees) and all(track.label for track in tracks)
 
 
 def _bend(points: np.ndarray) -> Side | None:
@@ -204,10 +242,6 @@ def _has_translation(points: np.ndarray) -> bool:
     centre = points.mean(1, keepdims=True)
     radius = np.linalg.norm(points - centre, axis=-1).max()
     return bool(np.linalg.norm(centre, axis=-1).max() > radius / 2)
-
-
-def _span(track: Track) -> int:
-    return int(track.frame_indices[-1] - track.frame_indices[0]) + 1
 
 
 def _other(side: Side) -> Side:

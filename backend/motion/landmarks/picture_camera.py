@@ -17,6 +17,7 @@ _PALM = (5, 9, 13, 17)  # the knuckles of the four fingers, beside the wrist, 0
 _WRIST_PLANE = 1e-3  # share of the hand's extent in which z is taken for the wrist's own plane
 _MARGIN, _MOST = 0.5, 0.9  # a hand may leave the picture by a part of its extent, and in some frames by more
 _LARGEST_DEG = 179.0
+_LEAST_FRAMES, _MOVES = 3, 0.02  # of a recording, and share of the hand's extent, to tell that its wrist moves
 
 
 @dataclass(frozen=True)
@@ -79,3 +80,11 @@ def looks_like_picture(points: np.ndarray) -> bool:
     centre = points[..., :2].mean(1)
     is_inside = ((centre > 0) & (centre < 1)).all(1) & (points[..., :2].min((1, 2)) > -_MARGIN * extent)
     return bool(is_flat.all() and is_inside.mean() > _MOST)
+
+
+def is_shifted_picture(points: np.ndarray) -> bool:
+    """Tell whether coordinates [N, 21, 3] were a picture's once: the wrist moves, but never in depth."""
+    extent = float(np.median(np.ptp(points, axis=1).max(-1)))
+    x, y, depth = np.ptp(points[:, 0], axis=0)
+    is_flat = depth < _WRIST_PLANE * extent and max(x, y) > _MOVES * extent
+    return bool(is_flat and len(points) >= _LEAST_FRAMES)

@@ -13,7 +13,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ...records.side import Side
-from .joint_names import read_joint_name, words
+from .joint_names import read_joint_name, read_joint_names, words
+from .leap import hand_points, with_fingers
 
 Kind = Literal["world", "points", "picture"]
 """Of coordinates: metres by their name; unnamed; parts of a picture by their name. The first are preferred."""
@@ -21,7 +22,8 @@ KINDS: tuple[Kind, ...] = ("world", "points", "picture")
 
 # MediaPipe's landmarks among WebXR's 25 joints (wrist; the thumb's 4; 5 of each finger, from the metacarpal on).
 MEDIAPIPE_IN_WEBXR = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 13, 14, 16, 17, 18, 19, 21, 22, 23, 24)
-_COUNTS = {21: 21, 25: 25, 63: 21, 75: 25, 400: 25}
+_COUNTS = {21: 21, 25: 25, 26: 26, 63: 21, 75: 25, 78: 26, 400: 25}
+_HOLDERS = ("scene", "actors", "body")  # of bodies with hands
 _POINTS_KEY = re.compile(
     r"(left|right)?(multi)?(hands?)?(world|image|picture|normali[sz]ed)?"
     r"(landmarks?|keypoints(?:3d|2d)?|joints?|joint(?:positions|transforms)|positions|points)(world)?"
@@ -151,9 +153,13 @@ def is_category(value: Any) -> bool:
 
 def _of_result(result: Mapping, label: Label | None, kind: Kind, depth: int) -> Iterator[Sighting]:
     """Read the hands in the preferred kind of coordinates of a result."""
-    entries = {plain_key(key): value for key, value in result.items()}
+    entries = {plain_key(key): value for key, value in with_fingers(result).items()}
     given = holder_label(entries)
     label = label_of(given) or label
+    of_bones = hand_points(entries)
+    if of_bones is not None:
+        yield Sighting(of_bones.points, "world", Label(of_bones.side, is_own=True) if of_bones.side else label, False)
+        return
     groups: dict[Kind, list[tuple[Label | None, Any]]] = {name: [] for name in KINDS}
     for key, value in entries.items():
         found = points_key(key)
@@ -174,6 +180,18 @@ def _of_result(result: Mapping, label: Label | None, kind: Kind, depth: int) -> 
         if match and key and _is_nested(value):
             side = Label(_side_in(match[1]) or "right", is_own=bool(match[2])) if match[1] else label
             yield from sightings(value, side, kind, depth + 1)
+        elif key in _HOLDERS and _is_nested(value):
+            yield from sightings(value, label, kind, depth + 1)
+    yield from _of_sides(result, kind)
+
+
+def _of_sides(result: Mapping, kind: Kind) -> Iterator[Sighting]:
+    """Read the hands of a body, whose joints' names begin or end with a side."""
+    for side in ("left", "right"):
+        own = {key: [word for word in words(str(key)) if word != side] for key in result if side in words(str(key))}
+        points = _named_points({" ".join(each): result[key] for key, each in own.items()})
+        if points is not None:
+            yield Sighting(points[0], kind, Label(side, is_own=True), points[1])
 
 
 def _labelled(hands: list[Sighting], given: Any, label: Label | None) -> list[Sighting]:
@@ -200,7 +218,7 @@ def _points(value: Any) -> tuple[np.ndarray, bool] | None:
         return _in_order(flat.reshape(_COUNTS[len(flat)], -1)) if len(flat) in _COUNTS and len(flat) > 25 else None
     if not is_point(value[0]):
         return None
-    if len(value) not in (21, 25):
+    if len(value) not in (21, 25, 26):
         raise ValueError(f"a frame of {len(value)} points")
     return _in_order(np.array([_position(point) for point in value], float))
 
@@ -208,7 +226,7 @@ def _points(value: Any) -> tuple[np.ndarray, bool] | None:
 def _points_of_array(value: np.ndarray) -> tuple[np.ndarray, bool] | None:
     if value.ndim == 1:
         return _in_order(value.reshape(_COUNTS[len(value)], -1)) if len(value) in _COUNTS and len(value) > 25 else None
-    if len(value) not in (21, 25) or value.shape[1:] not in ((3,), (16,), (4, 4)):
+    if len(value) not in (21, 25, 26) or value.shape[1:] not in ((3,), (16,), (4, 4)):
         return None
     if value.shape[1:] == (4, 4) and not value[:, 3, :3].any():  # row-major
         return _in_order(value[:, :3, 3])
@@ -217,16 +235,19 @@ def _points_of_array(value: np.ndarray) -> tuple[np.ndarray, bool] | None:
 
 def _in_order(values: np.ndarray) -> tuple[np.ndarray, bool]:
     points = (values[:, 12:15] if values.shape[1] == 16 else values).astype(np.float64)
-    return (points, True) if len(points) == 21 else (points[list(MEDIAPIPE_IN_WEBXR)], False)
+    if len(points) == 21:
+        return points, True
+    return points[len(points) - 25 :][list(MEDIAPIPE_IN_WEBXR)], False  # OpenXR's 26 begin with the palm
 
 
 def _named_points(entries: Mapping) -> tuple[np.ndarray, bool] | None:
     """Sort the points by joints' names; None if fewer than all 21 are named."""
-    names = {key: read_joint_name(words(str(key))) for key in entries}
-    found = {name.landmark: entries[key] for key, name in names.items() if name and name.landmark is not None}
+    keys = {str(key): key for key in entries}
+    names = read_joint_names(keys)
+    found = {name.landmark: entries[keys[key]] for key, name in names.items() if name.landmark is not None}
     if len(found) < 21 or any(value is None for value in found.values()):
         return None
-    is_mediapipe = any(name.is_anatomical for name in names.values() if name)
+    is_mediapipe = any(name.is_anatomical for name in names.values())
     return np.array([_position(found[landmark]) for landmark in range(21)], float), is_mediapipe
 
 

@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...geometry.rotation import axis_angle_to_matrix
-from ...hand.gestures import FingerAxes
+from ...hand.joint_axes import anatomical_axes
 from ...hand.model import HandModel
-from ...hand.model_file import load_default_hand
 from ...records.shot import HandPose
 
 NODES_OF_LANDMARKS = (0, 17, 18, 19, 20, 1, 2, 3, 4, 5, 6, 7, 8, 13, 14, 15, 16, 9, 10, 11, 12)
@@ -54,7 +53,8 @@ class HandSkeleton:
         """Build the skeleton of a hand model; a left hand is mirrored."""
         right = model.for_side("right")
         regressor = np.concatenate([right.J_regressor[:1], *(_finger_rows(right, k) for k in range(5))])
-        return cls(regressor @ right.v_template, np.einsum("nv,vck->nck", regressor, right.shapedirs), _axes(right))
+        axes = anatomical_axes(right).reshape(5, 3, 3, 3)
+        return cls(regressor @ right.v_template, np.einsum("nv,vck->nck", regressor, right.shapedirs), axes)
 
     def offsets(self, beta: np.ndarray) -> np.ndarray:
         """Compute [5, 4, 3] m: from the wrist to each finger's first joint, then from node to node."""
@@ -148,28 +148,6 @@ def _finger_rows(model: HandModel, finger: int) -> np.ndarray:
     if not is_end.any():
         tip = 2 * model.J_regressor[[last]] - model.J_regressor[[last - 1]]
     return np.concatenate([model.J_regressor[joints], tip])
-
-
-def _axes(model: HandModel) -> np.ndarray:
-    """Compute [5, 3, 3, 3] the built-in hand's axes, rotated as the bones of the model differ from its own."""
-    builtin, axes = load_default_hand(), FingerAxes.of_default_hand()
-    rotation = _shortest_rotations(_bones(builtin), _bones(model))
-    three = np.stack([axes.flexion, axes.dorsal, axes.bone], 1)[1:]  # [15, 3, 3]
-    return (three @ rotation.swapaxes(-1, -2)).reshape(5, 3, 3, 3)
-
-
-def _bones(model: HandModel) -> np.ndarray:
-    """Compute unit bones [15, 3] from joint to joint; a finger's last bone continues the one before."""
-    along = np.roll(model.joints[1:], -1, 0) - model.joints[1:]
-    along[2::3] = along[1::3]
-    return along / np.linalg.norm(along, axis=-1, keepdims=True)
-
-
-def _shortest_rotations(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Compute shortest rotations [N, 3, 3] between unit vectors [N, 3] that are not opposite."""
-    axis = np.cross(start, end)
-    sine, cosine = np.linalg.norm(axis, axis=-1, keepdims=True), (start * end).sum(-1, keepdims=True)
-    return axis_angle_to_matrix(axis / np.where(sine > 0, sine, 1) * np.arctan2(sine, cosine))
 
 
 def _steps(nodes: np.ndarray) -> np.ndarray:

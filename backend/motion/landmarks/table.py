@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...records.errors import LiveHandError
 from ..motion import MOST_FRAMES
-from .joint_names import read_joint_name, words
+from .joint_names import read_joint_names, words
 from .sighting import MEDIAPIPE_IN_WEBXR, Kind, Label, Sighting, label_of, plain_key
 
 _FRAME_KEYS = ("frame", "frameindex", "frameid", "framenumber", "frameno")
 _TIME_KEYS = ("time", "timestamp", "timestampms", "timems", "times", "t")
 _LANDMARK_KEYS = (
     *("landmark", "landmarkindex", "landmarkid", "landmarkname", "landmarknumber", "joint", "jointname", "jointid"),
-    *("jointindex", "point", "pointid", "keypoint", "keypointid", "name", "index", "id"),
+    *("jointindex", "bone", "bonename", "point", "pointid", "keypoint", "keypointid", "name", "index", "id"),
 )
 _HAND_KEYS = ("handedness", "hand", "handlabel", "label", "side", "handtype", "type", "handindex", "handid")
-_COUNTS = (21, 25)
+_COUNTS = (21, 25, 26)
+_BEFORE_AXIS = ("", "position", "pos", "world", "location", "translation")  # before the axis, in a coordinate's column
 
 
 class _Column(NamedTuple):
@@ -39,8 +40,9 @@ def table_frames(columns: Mapping[str, np.ndarray]) -> list[list[Sighting]]:
     """
     plain = {plain_key(name): values for name, values in columns.items()}
     landmark = next((key for key in _LANDMARK_KEYS if key in plain), None)
-    if landmark is not None and {"x", "y", "z"} <= plain.keys():
-        return _frames_of_rows(plain, landmark)
+    place = next((place for place in _BEFORE_AXIS if all(place + axis in plain for axis in "xyz")), None)
+    if landmark is not None and place is not None:
+        return _frames_of_rows({**plain, **{axis: plain[place + axis] for axis in "xyz"}}, landmark)
     return _frames_of_columns(columns, plain)
 
 
@@ -72,9 +74,9 @@ def _points(found: Mapping[_Column, np.ndarray], hand: str, is_world: bool, rows
         place: dict[int | str, int | None] = {number: index for index, number in enumerate(numbers)}
         is_mediapipe = len(numbers) == 21
     else:
-        names = {landmark: read_joint_name(str(landmark).split()) for landmark in landmarks}
-        place = {landmark: name.landmark for landmark, name in names.items() if name}
-        is_mediapipe = any(name.is_anatomical for name in names.values() if name)
+        names = read_joint_names(map(str, landmarks))
+        place = {landmark: names[str(landmark)].landmark for landmark in landmarks if str(landmark) in names}
+        is_mediapipe = any(name.is_anatomical for name in names.values())
         numbers = []
     points = np.full((rows, max(21, len(numbers)), 3), np.nan)
     given = set()
@@ -88,7 +90,7 @@ def _points(found: Mapping[_Column, np.ndarray], hand: str, is_world: bool, rows
         given.add((index, column.axis))
     if len(given) != points.shape[1] * 3:
         raise LiveHandError(f"a table must have x, y and z of 21 landmarks, got {len(given)} columns of them")
-    return (points if len(numbers) != 25 else points[:, MEDIAPIPE_IN_WEBXR]), is_mediapipe
+    return (points if len(numbers) < 25 else points[:, len(numbers) - 25 :][:, MEDIAPIPE_IN_WEBXR]), is_mediapipe
 
 
 def _read_column(name: str) -> _Column | None:
@@ -102,9 +104,9 @@ def _read_column(name: str) -> _Column | None:
     rest = [word for word in rest if word not in ("left", "right", "world")]
     numbers = [int(word) for word in rest if word.isdecimal() and len(word) < 4]
     axis = "xyz".index(axes[0])
-    if len(numbers) == 1:
-        return _Column(hand, is_world, numbers[0], axis)
-    return _Column(hand, is_world, " ".join(rest), axis) if read_joint_name(rest) else None
+    if read_joint_names([" ".join(rest)]):
+        return _Column(hand, is_world, " ".join(rest), axis)
+    return _Column(hand, is_world, numbers[0], axis) if len(numbers) == 1 else None
 
 
 def _frames_of_rows(plain: Mapping[str, np.ndarray], landmark: str) -> list[list[Sighting]]:
@@ -115,7 +117,7 @@ def _frames_of_rows(plain: Mapping[str, np.ndarray], landmark: str) -> list[list
         raise LiveHandError("the columns x, y and z must hold numbers, got text")
     xyz = np.stack(coordinates, 1)
     hands = next((plain[key] for key in _HAND_KEYS if key in plain and key != landmark), None)
-    names = [str(hand) for hand in hands] if hands is not None else [""] * len(xyz)
+    names = [str(hand) for hand in hands] if hands is not None else [_side_of(name) for name in plain[landmark]]
     positions, is_mediapipe = _positions(plain[landmark], [_is_hand(name) for name in names])
     numbers = _numbers(plain, len(xyz), is_long=True)
     found: dict[tuple[int, str], np.ndarray] = {}
@@ -131,6 +133,16 @@ def _frames_of_rows(plain: Mapping[str, np.ndarray], landmark: str) -> list[list
     return frames
 
 
+def _side_of(joint: Any) -> str:
+    """Find the hand that a joint's own name tells, such as `LeftIndexTip`; empty: it does not."""
+    side = next((word for word in words(str(joint)) if word in ("left", "right")), "")
+    return f"{side} hand" if side else ""
+
+
+def _without_side(joint: str) -> str:
+    return " ".join(word for word in words(joint) if word not in ("left", "right"))
+
+
 def _is_hand(name: str) -> bool:
     return name.strip().lower() not in ("face", "pose", "body")
 
@@ -141,16 +153,17 @@ def _positions(landmarks: np.ndarray, is_hand: Sequence[bool]) -> tuple[list[int
         known = sorted({float(value) for value, hand in zip(landmarks, is_hand, strict=True) if hand})
         if len(known) not in _COUNTS:
             raise LiveHandError(f"a table must have rows of 21 landmarks, got {len(known)}")
-        order = known if len(known) == 21 else [known[index] for index in MEDIAPIPE_IN_WEBXR]
+        order = known if len(known) == 21 else [known[len(known) - 25 :][index] for index in MEDIAPIPE_IN_WEBXR]
         place = {value: index for index, value in enumerate(order)}
         rows = zip(landmarks, is_hand, strict=True)
         return [place.get(float(value)) if hand else None for value, hand in rows], len(known) == 21
-    names = {str(value): read_joint_name(words(str(value))) for value in np.unique(landmarks)}
-    found = {name.landmark for name in names.values() if name and name.landmark is not None}
+    landmarks = np.array([_without_side(str(value)) for value in landmarks])
+    names = read_joint_names(np.unique(landmarks).tolist())
+    found = {name.landmark for name in names.values() if name.landmark is not None}
     if len(found) != 21:
         raise LiveHandError(f"a table must have rows of 21 landmarks, got names of {len(found)}")
-    is_mediapipe = any(name.is_anatomical for name in names.values() if name)
-    return [name.landmark if (name := names[str(value)]) else None for value in landmarks], is_mediapipe
+    is_mediapipe = any(name.is_anatomical for name in names.values())
+    return [names[str(value)].landmark if str(value) in names else None for value in landmarks], is_mediapipe
 
 
 def _numbers(plain: Mapping[str, np.ndarray], rows: int, is_long: bool = False) -> Sequence[int]:
@@ -162,9 +175,13 @@ def _numbers(plain: Mapping[str, np.ndarray], rows: int, is_long: bool = False) 
     values = _finite(plain, _FRAME_KEYS)
     if values is None and is_long:
         times = _finite(plain, _TIME_KEYS)
-        if times is None:
-            raise LiveHandError("a table with a row per landmark must have a column 'frame' of numbers")
-        return np.unique(times, return_inverse=True)[1].tolist()
+        if times is not None:
+            return np.unique(times, return_inverse=True)[1].tolist()
+        clock = next((plain[key].tolist() for key in _TIME_KEYS if key in plain and plain[key].dtype.kind == "U"), None)
+        if clock is None:
+            raise LiveHandError("a table with a row per landmark must have a column 'frame' or 'time'")
+        order = {time: number for number, time in enumerate(dict.fromkeys(clock))}
+        return [order[time] for time in clock]
     is_labelled = is_long or any(key in plain for key in _HAND_KEYS)
     if values is None or (not is_labelled and len(np.unique(values)) < rows):
         return range(rows)

@@ -19,8 +19,9 @@ from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
 from ...system.files import replacing
 from ..document import Document
+from ..gate import motion_doubts
 from ..motion import FPS_RANGE, MOST_FRAMES, HandMotion
-from ..pose_file import FileInfo, check_changes
+from ..pose_file import FileInfo, check_changes, with_frames
 from ..resampling import smoothed
 from .picture_camera import PictureCamera
 from .take_fit import FilmCamera, FilmedHand, TakeFit, fit_take
@@ -101,8 +102,8 @@ class TakeFile:
             self, take=take, info=info, is_picture_mirrored=is_mirrored, beta=beta if beta is not None else self.beta
         )
         hand = file._hand
-        span = int(hand.frames[-1] - hand.frames[0]) + 1
-        return replace(file, info=replace(info, frames=span, missing=span - len(hand.frames)))
+        info, first_s = with_frames(info, hand.frames), float(take.times[hand.frames[0]] - take.times[0])
+        return replace(file, info=replace(info, first=round(first_s * (info.fps or take.fps))))
 
     def fit(self, model: HandModel) -> TakeFit:
         """Fit the hand to the take.
@@ -122,7 +123,7 @@ class TakeFile:
 
     def warning(self, model: HandModel) -> str | None:
         """Word why the take is doubtful; None if it is not."""
-        return warning_of(self.fit(model))
+        return take_doubts(self.fit(model), model)
 
     @property
     def _hand(self) -> FilmedHand:
@@ -144,10 +145,11 @@ def _unmirrored_hand(hand: FilmedHand, camera: FilmCamera) -> FilmedHand:
     return FilmedHand(hand.frames, hand.px * (-1, 1) + (camera.size_px[0], 0), hand.world * _MIRROR)
 
 
-def warning_of(fit: TakeFit) -> str | None:
-    """Word what the user should look at in a fitted take; None if nothing."""
+def take_doubts(fit: TakeFit, model: HandModel) -> str | None:
+    """Word what the user should look at in a take fitted to a model; None if nothing."""
     share = fit.rejected / len(fit.motion)
-    return f"the hand was not where it seemed in {100 * share:.0f} % of the frames" if share > _WRONG_SHARE else None
+    lost = [f"the hand was not where it seemed in {100 * share:.0f} % of the frames"] if share > _WRONG_SHARE else []
+    return "; ".join([*lost, *motion_doubts(model, fit.motion)]) or None
 
 
 def write_take(take: FilmedTake, path: Path) -> None:

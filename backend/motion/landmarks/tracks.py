@@ -9,7 +9,7 @@ import numpy as np
 
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
-from .picture_camera import looks_like_picture
+from .picture_camera import is_shifted_picture, looks_like_picture
 from .recording import EXAMPLE, Recording
 from .sighting import KINDS, Sighting
 
@@ -21,7 +21,7 @@ class Track(NamedTuple):
 
     Attributes:
         points: [N, 21, 3] in MediaPipe's order, in the file's unit; only frames with the hand.
-        frame_indices: [N] increasing.
+        frame_indices: [N] increasing from the recording's first frame, 0.
         label: which hand the file says it is; None if it does not.
         is_own: the label is surely the hand's own.
     """
@@ -39,12 +39,14 @@ class Tracks(NamedTuple):
         hands: each with a label of its own if there are two.
         is_mediapipe: the points are MediaPipe's, not WebXR's.
         is_picture: the coordinates are a picture's, not metres.
+        is_shifted: they were a picture's, and have been moved or scaled since.
         notes: what the user should know.
     """
 
     hands: tuple[Track, ...]
     is_mediapipe: bool
     is_picture: bool
+    is_shifted: bool
     notes: tuple[str, ...]
 
 
@@ -61,12 +63,18 @@ def follow_hands(recording: Recording) -> Tracks:
     kind = next(one for one in KINDS if one in kinds)
     frames = {number: [hand for hand in hands if hand.kind == kind] for number, hands in frames.items()}
     by_hand, notes = _by_hand(frames)
-    tracks = tuple(_track(frames_of_hand) for frames_of_hand in by_hand if frames_of_hand)
+    first = min(recording.frames)
+    tracks = tuple(_track(frames_of_hand, first) for frames_of_hand in by_hand if frames_of_hand)
     every = [hand for hands in frames.values() for hand in hands]
     is_mediapipe = all(hand.is_mediapipe for hand in every)
     all_points = np.concatenate([track.points for track in tracks])
     is_picture = kind == "picture" or (kind == "points" and is_mediapipe and looks_like_picture(all_points))
-    return Tracks(tracks, is_mediapipe, is_picture, notes)
+    is_shifted = kind == "points" and is_mediapipe and not is_picture and _are_shifted(tracks)
+    return Tracks(tracks, is_mediapipe, is_picture, is_shifted, notes)
+
+
+def _are_shifted(tracks: tuple[Track, ...]) -> bool:
+    return all(is_shifted_picture(track.points) for track in tracks)
 
 
 def _is_there(hand: Sighting) -> bool:
@@ -107,11 +115,11 @@ def _of_single_hands(seen: dict[int, Sighting]) -> tuple[list[dict[int, Sighting
     return [{number: hand for number, hand in seen.items() if sides.get(number) == side} for side in SIDES], ()
 
 
-def _track(frames: Mapping[int, Sighting]) -> Track:
+def _track(frames: Mapping[int, Sighting], first: int) -> Track:
     numbers = sorted(frames)
     labels = [frames[number].label for number in numbers]
     known = [label for label in labels if label is not None]
     lefts = sum(label.side == "left" for label in known)
     side: Side = "left" if 2 * lefts > len(known) else "right"
     points = np.stack([frames[number].points for number in numbers])
-    return Track(points, np.array(numbers), side if known else None, all(label.is_own for label in known))
+    return Track(points, np.array(numbers) - first, side if known else None, all(label.is_own for label in known))

@@ -23,11 +23,12 @@ from ...hand.atlas import unwrap
 from ...hand.cap import capped
 from ...hand.model import JOINT_NAMES, MIRROR_POINT, PARENTS
 from ...hand.model_file import load_default_hand
+from ...motion.gate import motion_doubts
 from ...records.errors import LiveHandError
 from ...records.side import Side
 from ...system.files import replacing
 from ...system.readers import npz_bytes
-from ..natural_range import rest_pose, unnatural_joints
+from ..natural_range import is_natural, rest_pose
 from ..rest_alignment import RestAlignment, align, completed_joints
 from ..source_skeleton import JointMap, SourceSkeleton
 from .cut import HandCut, Wrist, cut_hand
@@ -123,6 +124,7 @@ def _wrists(skeleton: SourceSkeleton, bones: list[int]) -> list[int]:
 _KNUCKLES = [1, 4, 7, 10]
 _LAST_JOINTS = [3, 6, 9, 12]
 _THUMB_TIP = 15
+_USUAL_M = 0.18
 SMALLEST_M, LARGEST_M = 0.1, 0.3  # from the wrist to the middle fingertip
 # Fingers that bend backwards by more than this share of the hand's length show that the side is wrong.
 _MOST_BACKWARDS = 0.06
@@ -160,6 +162,8 @@ def check_size(joints: np.ndarray) -> None:
     units = {"centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254, "decimetres": 0.1}
     fitting = [(unit, scale) for unit, scale in units.items() if SMALLEST_M <= length * scale <= LARGEST_M]
     guess = f"it seems to be in {fitting[0][0]}: scale it by {fitting[0][1]:g}" if fitting else "scale it"
+    if length < SMALLEST_M and length > 0:
+        guess = f"scale it by {10.0 ** round(np.log10(_USUAL_M / length)):g}, or by about {_USUAL_M / length:.2g}"
     raise LiveHandError(
         f"a hand must be {SMALLEST_M} to {LARGEST_M} m long from wrist to middle fingertip, got {length:.3g} m; {guess}"
     )
@@ -297,8 +301,9 @@ def _arrays(
 
 def _check_pose(alignment: RestAlignment) -> None:
     """Raise `LiveHandError` if the bones at rest are in a pose that no hand can have."""
-    said = unnatural_joints(alignment.model, rest_pose(alignment))
-    if said:
+    rest = rest_pose(alignment)
+    if not is_natural(alignment.model, rest):
+        said = "; ".join(motion_doubts(alignment.model, rest))
         raise LiveHandError(
             f"a hand must rest in a pose that a hand can have, got one in which {said}; correct which bone is which "
             "joint, or the rest pose"

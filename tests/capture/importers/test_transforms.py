@@ -144,6 +144,15 @@ def test_what_cannot_be_used_is_named_and_leaves_nothing(tmp_path, options, mess
     assert [place.name for place in tmp_path.iterdir()] == ["source"]
 
 
+def test_what_is_wrong_in_all_images_is_told_once(tmp_path):
+    frames = [{**frame_with()[0], "file_path": f"{k}.png"} for k in range(300)]
+    path, poses = write(tmp_path, document={**INTRINSICS, "k1": 0.02}, frames=frames)
+    with pytest.raises(LiveHandError, match="pinhole") as caught:
+        read_transforms(path, read_pose_table(poses), 1.0)
+    assert str(caught.value).count("pinhole") == 1
+    assert "frame 0.png and 299 more: " in str(caught.value)
+
+
 @pytest.mark.parametrize("text", ["", "[]", '{"frames": 3}', '{"frames": [3]}', "[" * 100_000, "\x00"])
 def test_other_files_are_errors_of_ours(tmp_path, text):
     path, poses = write(tmp_path)

@@ -4,16 +4,30 @@ import json
 
 import numpy as np
 import pytest
+from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.files.open_files import open_motion_file, open_pose_file
 from livehand.backend.motion.landmarks.landmark_file import LandmarkFile
-from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton
+from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton, landmarks_of
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.shot import HandPose
 
 POINTS = np.random.default_rng(0).normal(size=(3, 21, 3)).round(6)
 
 
 def named(points):
     return [dict(zip("xyz", point, strict=True)) for point in points.tolist()]
+
+
+def closing_landmarks():
+    """[3, 21, 3] m of a right hand that closes, in a Y-up world, its wrist at the origin."""
+    axes, skeleton = FingerAxes.of_default_hand(), HandSkeleton.of(load_default_hand())
+    found = []
+    for share in (0.3, 0.5, 0.7):
+        theta = theta_of(share * GESTURES["fist"].angles_deg(), axes)
+        points = landmarks_of(load_default_hand(), HandPose(theta, np.zeros(10), np.zeros(3)))
+        found.append(points - skeleton.rest[0])
+    return np.array(found)
 
 
 def opened(path):
@@ -148,3 +162,98 @@ def test_bad_landmarks_are_refused(tmp_path):
     np.savez(tmp_path / "take.npz", landmarks=POINTS)
     with pytest.raises(LiveHandError, match="must hold poses, got MediaPipe landmarks"):
         open_pose_file(tmp_path / "take.npz")
+
+
+def hands_of(side_points):
+    """Rows of a table of OpenXR's joints: frame, side, name, x, y, z."""
+    for frame in range(3):
+        for side, points in side_points.items():
+            for name, point in zip(OPENXR, points[frame], strict=True):
+                yield frame, side, name, *point
+
+
+PARTS = ("Proximal", "Intermediate", "Distal", "Tip")
+OPENXR = (
+    "Wrist",
+    *(f"Thumb{part}" for part in ("Metacarpal", "Proximal", "Distal", "Tip")),
+    *(f"{finger}{part}" for finger in ("Index", "Middle", "Ring", "Little") for part in PARTS),
+)
+
+
+def write_table(path, header, rows):
+    path.write_text("\n".join([header, *(",".join(map(str, row)) for row in rows)]))
+    return path
+
+
+def both_hands():
+    right = np.add(closing_landmarks(), [0.2, 1.0, -0.4])
+    return {"Right": right, "Left": right * [-1, 1, 1]}
+
+
+def test_left_handed_axes_do_not_exchange_the_hands(tmp_path):
+    own = both_hands()
+    unity = {side: points * [1, 1, -1] for side, points in own.items()}
+    path = write_table(tmp_path / "quest.csv", "frame,hand,joint,x,y,z", hands_of(unity))
+    file = opened(path)
+    assert "z is negated" in " ".join(file.info.notes)
+    for side, points in own.items():
+        np.testing.assert_allclose(file.with_changes(side=side.lower()).points, points)
+    one = opened(write_table(tmp_path / "one.csv", "frame,hand,joint,x,y,z", hands_of({"Left": unity["Left"]})))
+    assert one.info.side == "left"
+    np.testing.assert_allclose(one.points, own["Left"])
+    plain = opened(write_table(tmp_path / "xr.csv", "frame,hand,joint,x,y,z", hands_of(own)))
+    np.testing.assert_allclose(plain.with_changes(side="left").points, own["Left"])
+    assert plain.info.notes == ()
+
+
+@pytest.mark.parametrize(
+    "header", ["Time,Hand,Joint,Position_X,Position_Y,Position_Z", "time,hand,bone,PosX,PosY,PosZ"]
+)
+def test_loggers_columns_and_clock_times(tmp_path, header):
+    own = both_hands()
+    rows = ((f"2026-11-27 12:59:{59 + frame / 30:.3f}", *row) for frame, *row in hands_of(own))
+    file = opened(write_table(tmp_path / "log.csv", header, rows))
+    assert (file.info.frames, file.sides) == (3, ("right", "left"))
+    np.testing.assert_allclose(file.points, own["Right"])
+
+
+def test_joints_that_name_their_side_themselves(tmp_path):
+    rows = ((frame, side + name, *point) for frame, side, name, *point in hands_of(both_hands()))
+    file = opened(write_table(tmp_path / "log.csv", "frame,joint,x,y,z", rows))
+    np.testing.assert_allclose(file.with_changes(side="left").points, both_hands()["Left"])
+
+
+def test_a_hand_that_comes_late_begins_late(tmp_path):
+    pose = HandSkeleton.of(load_default_hand()).rest[list(NODES_OF_LANDMARKS)]
+    first, second = ({"handedness": side, "world_landmarks": pose.tolist()} for side in ("Left", "Right"))
+    (tmp_path / "take.json").write_text(json.dumps({"frames": [None, [first], [first], [first, second], [second]]}))
+    file = opened(tmp_path / "take.json")
+    firsts = sorted(file.with_changes(side=side).info.first for side in ("right", "left"))
+    assert firsts == [1, 3]
+
+
+def test_the_unit_is_told_by_the_hands_size(tmp_path):
+    points = np.add(closing_landmarks(), [0.1, 0.2, 0.5])
+    for unit, factor in (("m", 1), ("cm", 100), ("mm", 1000)):
+        np.savez(tmp_path / "take.npz", landmarks=points * factor)
+        file = opened(tmp_path / "take.npz")
+        assert file.info.unit == unit
+    np.savez(tmp_path / "take.npz", landmarks=points / 100)
+    with pytest.raises(LiveHandError, match=r"times as large, as if its unit were 100 times larger"):
+        opened(tmp_path / "take.npz").fit(load_default_hand())
+
+
+def test_a_pictures_landmarks_are_told_by_a_wrist_without_depth(tmp_path):
+    points = closing_landmarks()
+    moved = (
+        3 * (points - points[:, :1]) * [1, 1, 0.4]
+        + np.array([[0.1, -0.4, 0.025], [0.2, -0.3, 0.025], [0.4, 0, 0.025]])[:, None]
+    )
+    np.savez(tmp_path / "take.npz", landmarks=moved)
+    file = opened(tmp_path / "take.npz")
+    assert "moved or scaled" in " ".join(file.info.notes)
+    with pytest.raises(LiveHandError, match="those of a picture, moved or scaled since"):
+        file.motion(load_default_hand())
+    still = points - points[:, :1]
+    np.savez(tmp_path / "take.npz", landmarks=still)
+    assert opened(tmp_path / "take.npz").info.format == "MediaPipe landmarks"

@@ -1,0 +1,129 @@
+"""A capture in the light that a person's avatar finds in it, to train on with light and skin held fixed.
+
+Where the person is known, what pictures show tells the light and the poses. The capture that is written shows the
+built-in hand: with these lights, the person's surface, and pictures in one exposure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ..avatars.avatar import Avatar
+from ..capture.capture import Capture, CaptureView, SurfaceReference, save_capture_index
+from ..capture.lights import CaptureLight
+from ..capture.picture import linear_to_srgb
+from ..hand.model import HandModel
+from ..records.errors import LiveHandError
+from ..records.hand_picture import BACKGROUND, HAND, HandPicture
+from ..surface.surface_file import surface_sha256, write_surface
+from ..system.files import replacing
+from .captured_pictures import pictures_of_capture
+from .illumination import Illumination, fitted_light, linear_colours, lit_pixels
+from .lamp_search import with_lamp
+from .model import PersonModel
+from .numbers import PixelTones
+from .refit import refitted
+
+_MOST_PICTURES, _LIGHT_PICTURES, _REFITS = 120, 8, 2
+_LEAST_PIXELS = 200
+_SURFACE = "surface/person.npz"
+
+
+def write_lit_capture(
+    folder: Path,
+    person: Avatar,
+    model: HandModel,
+    other: HandModel | None,
+    output: Path,
+    log: Callable[[str], None] = lambda line: None,
+) -> Capture:
+    """Find light and poses of a capture by its person, and write the capture with them.
+
+    Args:
+        folder: of the capture.
+        person: made from it.
+        model: the built-in hand.
+        other: the capture's own hand model; None: the built-in one.
+        output: folder to write.
+        log: is told what begins.
+
+    Raises:
+        LiveHandError: the capture cannot be read, the avatar holds no person, or pictures do not show the hand.
+    """
+    if person.surface is None or person.hand_sha256 != model.sha256:
+        raise LiveHandError(f"'{person.name}' must be a person of '{model.name}'; make one with livehand person")
+    hand = pictures_of_capture(folder, model, _MOST_PICTURES, other, log)
+    beta = np.array(person.surface.person.beta)
+    pictures = [replace(one, pose=replace(one.pose, beta=beta)) for one in hand.pictures]
+    known = PersonModel.of(person, model)
+    for _ in range(_REFITS):
+        refit = refitted(known, pictures, scene_lights(known, pictures), fits_shape=False)
+        log(f"poses: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
+        pictures = list(refit.pictures)
+    lights = scene_lights(known, pictures)
+    write_surface(output / _SURFACE, person.surface)
+    surface = SurfaceReference(_SURFACE, surface_sha256(person.surface))
+    facts = {"made_by": "livehand train --person", "source": hand.source, "is_mirrored": hand.side == "left"}
+    return _written(pictures, lights, Capture(output, model.sha256, facts, (), (), surface=surface))
+
+
+def scene_lights(person: PersonModel, pictures: Sequence[HandPicture]) -> dict[int, Illumination]:
+    """Fit the light of every scene, and its colour: the person's albedo is known.
+
+    Raises:
+        LiveHandError: pictures of a scene show hardly any skin.
+    """
+    lights = {}
+    for scene in sorted({picture.scene for picture in pictures}):
+        trained = [one for one in pictures if one.scene == scene and not one.is_held_out]
+        of_scene = trained or [one for one in pictures if one.scene == scene]
+        spread = np.linspace(0, len(of_scene) - 1, min(len(of_scene), _LIGHT_PICTURES)).round().astype(int)
+        pixels = lit_pixels(person, [of_scene[index] for index in spread])
+        if len(pixels.shown) < _LEAST_PIXELS:
+            raise LiveHandError(
+                f"{of_scene[0].name} and pictures in its light must show the hand free and not clipped, got "
+                f"{len(pixels.shown)} pixels of sure skin; leave them out"
+            )
+        known = PixelTones(pixels, np.zeros_like(pixels.shown), np.zeros_like(pixels.shown))
+        lit = with_lamp(person, known, 0.0).pixels
+        lights[scene] = Illumination.of(fitted_light(lit, np.ones_like(lit.shown)), lit.sources)
+    return lights
+
+
+def _written(pictures: Sequence[HandPicture], lights: Mapping[int, Illumination], capture: Capture) -> Capture:
+    scenes, moments = list(lights), list(dict.fromkeys(picture.moment for picture in pictures))
+    views = []
+    for index, picture in enumerate(pictures):
+        exposure = min(1.0, float(np.exp(np.min(picture.log_gain))))
+        view = CaptureView(
+            f"images/{index:04d}.png",
+            picture.camera,
+            picture.camera_index,
+            moments.index(picture.moment),
+            "novel_pose" if picture.is_held_out else "train",
+            light=scenes.index(picture.scene),
+            exposure=exposure,
+        )
+        _write_picture(capture.folder / view.file, picture, exposure)
+        views.append(view)
+    poses = {moments.index(picture.moment): picture.pose for picture in pictures}
+    of_scene = tuple(CaptureLight("found", light.tinted) for light in lights.values())
+    whole = replace(
+        capture, poses=tuple(poses[row] for row in range(len(moments))), views=tuple(views), lights=of_scene
+    )
+    save_capture_index(whole)
+    return whole
+
+
+def _write_picture(path: Path, picture: HandPicture, exposure: float) -> None:
+    """Write a picture in the exposure and white balance that all share; what is unknown counts half."""
+    encoded = linear_to_srgb((linear_colours(picture) * exposure).clip(0, 1))
+    alpha = np.where(picture.labels == HAND, 1.0, np.where(picture.labels == BACKGROUND, 0.0, 0.5))
+    pixels = (255 * np.concatenate([encoded, alpha[..., None]], -1)).round().astype(np.uint8)
+    with replacing(path) as temporary:
+        Image.fromarray(pixels).save(temporary)
