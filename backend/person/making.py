@@ -134,8 +134,9 @@ class _AtlasTone:
     @classmethod
     def of_family(cls, texels: AtlasTexels, family: ToneFamily, base_log_albedo: np.ndarray) -> _AtlasTone:
         """Begin with a skin of the family."""
-        fields = family.log_albedo(0.0, 1.0) - base_log_albedo, family.deep - family.light
-        return cls(texels, *(texels.at_texels(field.astype(np.float32)) for field in fields), _FIRST_MELANIN)
+        bare = texels.at_texels((family.log_albedo(0.0, 1.0) - base_log_albedo).astype(np.float32))
+        per_melanin = texels.at_texels((family.deep - family.light).astype(np.float32))
+        return cls(texels, bare, per_melanin, _FIRST_MELANIN)
 
     @property
     def log_ratio(self) -> np.ndarray:
