@@ -14,6 +14,7 @@ from ...field.sampler import BEFORE_M, BEHIND_M, LEAST_REACH_M, SamplerConfig, s
 from ...field.surface_tracking import trace as trace_reference
 from ...geometry.rasterise import NearestFronts
 from ...geometry.uvh import SurfaceSamples
+from ...records.errors import LiveHandError
 from ..reference import ReferenceBackend
 from .kernels.compiled import INFINITE_BITS, lanes_of, launch
 from .kernels.raster import find_fronts, prepare_view, project_vertices, ray_directions, read_words
@@ -69,8 +70,17 @@ class ShellLists(NamedTuple):
         return cls(counts, depth, face, start, end, since, intervals, new(pixels), is_stopped, is_live, overflow)
 
 
+def check_perspective(camera: CameraTensors) -> None:
+    """Raise LiveHandError if the camera is orthographic, which these kernels do not know."""
+    if camera.is_orthographic:
+        raise LiveHandError(
+            "a camera must be perspective to be rendered by a GPU's kernels, got an orthographic one; render on the CPU"
+        )
+
+
 def view_of(camera: CameraTensors) -> Float[Tensor, "4 3"]:
     """Return a camera's centre, m, and the directions of a column, of a row, and of pixel (0, 0), world."""
+    check_perspective(camera)
     view = torch.empty(4, 3, device=camera.K.device)
     launch(prepare_view, 1, camera.K, camera.world2cam, view)
     return view
@@ -80,6 +90,7 @@ def projected(
     camera: CameraTensors, vertices: Float[Tensor, "V 3"], normals: Float[Tensor, "V 3"], lift_m: Tensor
 ) -> Float[Tensor, "V 3"]:
     """Project vertices that are raised along their normals: x and y, px, and depth, m."""
+    check_perspective(camera)
     out = torch.empty_like(vertices, memory_format=torch.contiguous_format)
     launch(project_vertices, len(vertices), vertices, normals, lift_m.reshape(1), camera.K, camera.world2cam, out)
     return out

@@ -59,21 +59,28 @@ def ray_hits(mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) 
 def visible_surface(mesh: DetailMesh, camera: CameraTensors) -> PixelSurface:
     """Find what pixels show, as `surface.detail_mesh.visible_surface`."""
     (width, height), device = camera.size_px, mesh.vertices.device
-    pixels, kinds = width * height, {"device": device}
+    pixels = width * height
     at = projected(camera, mesh.vertices, mesh.normals, mesh.vertices.new_zeros(1))
     shown = shown_faces(at, mesh.faces, camera.size_px, _LANES)
-    on_outline, between = torch.empty(pixels, dtype=torch.bool, **kinds), torch.empty(pixels, **kinds)
-    part, bits = torch.empty(pixels, dtype=torch.int32, **kinds), torch.zeros(pixels, dtype=torch.int32, **kinds)
+    on_outline, between = torch.empty(pixels, dtype=torch.bool, device=device), torch.empty(pixels, device=device)
+    part, bits = (
+        torch.empty(pixels, dtype=torch.int32, device=device),
+        torch.zeros(pixels, dtype=torch.int32, device=device),
+    )
     steps = torch.stack([STEP_M * mesh.scale, STEP_PX / camera.focal_px])
     launch(mark_pixels, pixels, shown, *mesh.bones, width, height, steps, on_outline, between, part)
     pixel = ((between > 0) | (part >= 0)).nonzero()[:, 0]
     slot, count = row_of(pixel, pixels), len(pixel)
-    samples = torch.full((count * len(SAMPLES),), -1, dtype=torch.int64, **kinds)
+    samples = torch.full((count * len(SAMPLES),), -1, dtype=torch.int64, device=device)
     where = at, mesh.faces, _LANES, width, height, on_outline, slot, bits, samples
     launch(sample_faces, (len(mesh.faces), _LANES), *where)
-    coverage, depth, face = torch.empty(pixels, **kinds), torch.empty(pixels, **kinds), torch.empty_like(shown)
+    coverage, depth, face = (
+        torch.empty(pixels, device=device),
+        torch.empty(pixels, device=device),
+        torch.empty_like(shown),
+    )
     launch(spread_coverage, pixels, shown, on_outline, bits, width, height, coverage, depth, face)
-    edges = EdgePixels(pixel, torch.empty(9, count, dtype=torch.bool, **kinds), torch.empty(count, **kinds))
+    edges = EdgePixels(pixel, torch.empty(9, count, dtype=torch.bool, device=device), torch.empty(count, device=device))
     known = shown, width, height, between, part, *mesh.bones, slot, samples
     launch(edge_shares, count, pixel, *known, *edges[1:])
     return PixelSurface(face, depth, coverage, edges)

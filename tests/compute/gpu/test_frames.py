@@ -9,6 +9,7 @@ from livehand.backend.avatars.file import load_avatar
 from livehand.backend.compute.gpu.backend import WarpBackend
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Light
 from livehand.backend.render.renderer import Renderer
 
@@ -72,3 +73,10 @@ def test_launches_of_a_lit_frame(renderers, monkeypatch):
     renderers[0].forget()
     renderers[0].render(next(iter(shots(load_default_hand()))))
     assert 30 < len(launched) <= MOST_LAUNCHES, launched
+
+
+def test_an_orthographic_camera_is_refused_in_words(renderers):
+    shot = next(shots(renderers[0].hand))
+    flat = replace(shot, camera=replace(shot.camera, is_orthographic=True))
+    with pytest.raises(LiveHandError, match="perspective"):
+        renderers[0].render(flat)

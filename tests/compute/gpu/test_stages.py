@@ -4,7 +4,7 @@ Stages are given what frames of several kinds give them.
 """
 
 from copy import deepcopy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 import torch
@@ -67,7 +67,7 @@ def tensors_of(value):
             yield from tensors_of(one)
 
 
-def moved(value, device):
+def moved(value, device) -> Any:
     """The same, its tensors and networks on a device."""
     if isinstance(value, torch.nn.Module):
         return deepcopy(value).to(device)

@@ -28,12 +28,12 @@ INFINITE_BITS = 0x7F800000
 """Of the float infinity, as an int32: bits of positive floats are in the order of their values."""
 
 
-def kernel(function: Callable[..., None]) -> wp.Kernel:
+def kernel(function: Callable[..., None]) -> Any:
     """Declare a kernel, without gradients; its types are Warp's, `no_type_check` keeps others from reading them."""
     return wp.kernel(function, enable_backward=False)
 
 
-def part(function: Callable[..., Any]) -> wp.Function:
+def part(function: Callable[..., Any]) -> Any:
     """Declare a function that kernels call; as `kernel`."""
     return wp.func(function)
 
@@ -41,7 +41,7 @@ def part(function: Callable[..., Any]) -> wp.Function:
 Argument = Tensor | float | int | bool
 
 
-def launch(kernel: wp.Kernel, dim: int | tuple[int, ...], *arguments: Argument) -> None:
+def launch(kernel: Any, dim: int | tuple[int, ...], *arguments: Argument) -> None:
     """Run a kernel for every element of `dim`; its arrays are the tensors' own memory, which they must fill densely.
 
     Args:
