@@ -61,7 +61,7 @@ test-fast: $(VENV)/dev.stamp
 # Fails without a GPU, so that nothing skipped is taken for passed.
 test-cuda: $(VENV)/dev.stamp
 	@$(VENV_PYTHON) -c 'import sys, torch; sys.exit(None if torch.cuda.is_available() else "make test-cuda needs a CUDA GPU and a CUDA build of torch")'
-	$(VENV_PYTHON) -m pytest -q tests/test_cuda.py
+	$(VENV_PYTHON) -m pytest -q tests/test_cuda.py tests/compute/gpu
 
 # The Blender tests in each of the other versions; all are run, then it fails if one did.
 test-matrix: $(OTHER_BLENDERS:%=.venv-bpy%/test.stamp)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -69,7 +70,17 @@ SKY = Light(sky=Sky(np.full((4, 8, 3), 0.3)))
 SUN = Light((Lamp("sun", np.array([3.0, 3, 3]), rotation=np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])),))  # along +Y
 SLAB = np.array([[[-1.0, -0.3, -1], [1, -0.3, -1], [0, -0.3, 2]]])
 EXIT_STATUS = pytest.StashKey[int]()
-FASTER = [NumbaBackend]  # a new backend joins here, and every stage is tested with it
+
+
+def warp_backend():
+    """On Warp's CPU device; imported when a test asks for it."""
+    from livehand.backend.compute.gpu.backend import WarpBackend
+
+    return WarpBackend()
+
+
+# A new backend joins here, and every stage is tested with it.
+FASTER = [NumbaBackend, *([warp_backend] if find_spec("warp") else [])]
 
 
 class PosedHand(NamedTuple):

@@ -54,6 +54,8 @@ NUMBA_ROOMS = ("backend.compute.cpu", "backend.compute.kernels")
 SYSTEM_ROOM = "backend.system"
 ASKS_THE_SYSTEM = re.compile(r"os\.name|sys\.platform|platform\.system|hasattr\((os|signal)\b|getattr\(signal\b")
 SYSTEM_MODULES = {"backend.compute.kernels.cache_folder", "backend.research.benchmark.machine"}
+# Warp is an extra: only this folder imports it, and no other imports its modules but inside a function.
+WARP_ROOM = "backend.compute.gpu"
 # The kernels stand alone: beside these and the interpreter's own modules, only numbers that they share with torch.
 # llvmlite is numba's own LLVM.
 KERNELS, KERNEL_NUMBERS = "backend.compute.kernels", "backend.geometry.tolerances"
@@ -117,7 +119,8 @@ def faults(root):
     found, folders, graph = [], {}, {}
     for name, path in known.items():
         ours, foreign = imports(name, path, known)
-        found += foreign_faults(name, foreign) + numba_faults(name, *imports(name, path, known, only_at_once=True))
+        at_once = imports(name, path, known, only_at_once=True)
+        found += foreign_faults(name, foreign) + numba_faults(name, *at_once) + warp_faults(name, *at_once)
         room = room_of(name, path)
         if not is_package_root(name) and room not in ROW_OF:
             found.append(f"{name} is in no room; move it into one, or add its folder to ROWS")
@@ -150,6 +153,13 @@ def numba_faults(name, ours, foreign):
         return [f"{name} imports {module}" for module in sorted(outside)] if is_in(name, KERNELS) else []
     theirs = {module for module in ours for room in NUMBA_ROOMS if is_in(module, room)}
     return [f"{name} imports {module} outside a function" for module in sorted(theirs | (foreign & {"numba"}))]
+
+
+def warp_faults(name, ours, foreign):
+    if is_in(name, WARP_ROOM):
+        return []
+    theirs = {module for module in ours if is_in(module, WARP_ROOM)} | (foreign & {"warp"})
+    return [f"{name} imports {module} outside a function" for module in sorted(theirs)]
 
 
 def arrow_faults(name, room, imported, imported_room):
@@ -242,6 +252,8 @@ SOUND = {
     "backend/compute/__init__.py": "",
     "backend/compute/cpu/__init__.py": "",
     "backend/compute/cpu/backend.py": "from ...field.field import Field\nfrom ..kernels.planes import read_plane",
+    "backend/compute/gpu/__init__.py": "",
+    "backend/compute/gpu/launches.py": "import warp",
     "backend/compute/kernels/__init__.py": "",
     "backend/compute/kernels/planes.py": "import numba\nimport numpy\nfrom functools import cache\n"
     "from ...geometry.tolerances import NEAR_M",
@@ -314,6 +326,12 @@ def test_a_sound_tree_has_no_faults(tmp_path):
             "from ..compute.cpu.backend import f",
             "imports backend.compute.cpu.backend outside a",
         ),
+        (
+            "backend/render/backends.py",
+            "from ..compute.gpu.launches import f",
+            "imports backend.compute.gpu.launches outside a",
+        ),
+        ("backend/compute/cpu/backend.py", "import warp as wp", "backend.compute.cpu.backend imports warp outside a"),
         ("backend/hand/model.py", "if True:\n    from numba import njit", "imports numba outside a function"),
     ],
 )

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,10 +30,6 @@ from ..records.errors import LiveHandError
 from ..records.shot import Shot
 from ..records.side import SIDES
 from ..system.command import parse_size_px, warn
-from ..system.files import replacing
-
-if TYPE_CHECKING:
-    from ..records.frame import Frame
 
 _FRONT = (0.0, -1.0, 0.0)
 _AWAY = 0.5  # sine of the angle out of the picture's plane beyond which a palm points away
@@ -84,6 +80,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     (path,) = args.shots
     from ..avatars.file import load_avatar
     from ..hand.lbs import posed_vertices
+    from ..image.png_writer import PngWriter
     from ..render.renderer import Renderer
     from ..render.studio_light import studio_light
 
@@ -100,12 +97,16 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     camera = fitting_camera(sampled_vertices(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILL)
     light, report = studio_light(), RunReport({path: args.output}, args.output, args.json)
     report.add(path, ShotOpened(str(args.output), len(frames)))
-    for number, index in enumerate(frames, 1):
-        started, pose = time.perf_counter(), motion.pose(index)
-        frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera, light))
-        write_png(frame, args.output / f"{first + index + 1:04d}.png")
-        seconds = time.perf_counter() - started
-        report.add(path, FrameProgress(first + index + 1, number, len(frames), "written", seconds))
+    with PngWriter() as writer:
+        for number, index in enumerate(frames, 1):
+            started, pose = time.perf_counter(), motion.pose(index)
+            frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera, light))
+
+            def written(place: tuple[int, int] = (first + index + 1, number), started: float = started) -> None:
+                seconds = time.perf_counter() - started
+                report.add(path, FrameProgress(*place, len(frames), "written", seconds))
+
+            writer.write(frame, args.output / f"{first + index + 1:04d}.png", written)
     return report.result()
 
 
@@ -172,13 +173,3 @@ def sampled_vertices(motion: HandMotion, frames: list[int], hand: HandModel) -> 
     step = -(-len(frames) // _FRAMES_FOR_CAMERA)
     poses = (motion.pose(index) for index in frames[:: max(1, step)])
     return np.concatenate([posed_vertices(hand, pose)[hand.framed_vertices] for pose in poses])
-
-
-def write_png(frame: Frame, path: Path) -> None:
-    """Write a frame as sRGB with straight alpha, atomically."""
-    from PIL import Image
-
-    from ..image.decode import straight_srgb
-
-    with replacing(path) as temporary:
-        Image.fromarray((straight_srgb(frame) * 255).round().astype(np.uint8)).save(temporary, format="PNG")

@@ -38,11 +38,7 @@ def linear_frame(
     profile: DepthProfile | None,
 ) -> Frame:
     """Make a frame of the whole image of premultiplied scene-linear colours of any brightness."""
-    alpha = _clear_alpha(alpha)
-    hidden = (alpha <= 0).flatten().nonzero()[:, 0]
-    pixels = colours.permute(1, 2, 0).flatten(0, 1).index_fill(0, hidden, 0.0)  # pixel by pixel, as colours lie
-    seen = pixels.T.reshape(colours.shape)
-    return replace(_frame(seen, alpha, depth, window, size_px), profile=profile)
+    return replace(_frame(colours, _clear_alpha(alpha), depth, window, size_px), profile=profile)
 
 
 def _clear_alpha(alpha: Float[Tensor, "h w"]) -> Float[Tensor, "h w"]:
@@ -50,9 +46,11 @@ def _clear_alpha(alpha: Float[Tensor, "h w"]) -> Float[Tensor, "h w"]:
 
 
 def _frame(linear: Tensor, alpha: Tensor, depth: Tensor, window: Crop, size_px: tuple[int, int]) -> Frame:
+    """Paste a crop into a frame; where alpha is 0 its colours may be anything."""
+    seen = torch.where(alpha > 0, linear, 0.0)
     solid_depth = torch.where((alpha >= 0.5) & (depth < torch.inf), depth, DEPTH_BACKGROUND)
     frame = empty_frame(size_px)
-    window.paste(linear.permute(1, 2, 0).cpu().numpy(), frame.rgb)
+    window.paste(seen.permute(1, 2, 0).cpu().numpy(), frame.rgb)
     window.paste(alpha.cpu().numpy(), frame.alpha)
     window.paste(solid_depth.cpu().numpy(), frame.depth)
     return frame
@@ -60,6 +58,25 @@ def _frame(linear: Tensor, alpha: Tensor, depth: Tensor, window: Crop, size_px: 
 
 def straight_srgb(frame: Frame) -> np.ndarray:
     """Convert a frame to [H, W, 4] float32 in 0..1: straight colour, sRGB-encoded, and alpha."""
-    alpha = frame.alpha[..., None]
-    straight = torch.as_tensor(frame.rgb / np.where(alpha > 0, alpha, 1)).clamp(0, 1)
-    return np.concatenate([linear_to_srgb(straight).numpy(), alpha], -1)
+    image = np.zeros((*frame.alpha.shape, 4), np.float32)
+    window = _visible_window(frame)
+    alpha = frame.alpha[window][..., None]
+    straight = torch.as_tensor(frame.rgb[window] / np.where(alpha > 0, alpha, 1)).clamp(0, 1)
+    image[window] = np.concatenate([linear_to_srgb(straight).numpy(), alpha], -1)
+    return image
+
+
+def srgb_pixels(frame: Frame) -> np.ndarray:
+    """Convert a frame to [H, W, 4] of 8 bits: straight colour, sRGB-encoded, and alpha; rounded."""
+    pixels, window = np.zeros((*frame.alpha.shape, 4), np.uint8), _visible_window(frame)
+    visible = replace(frame, **{name: getattr(frame, name)[window] for name in ("rgb", "alpha", "depth")})
+    pixels[window] = (straight_srgb(visible) * 255).round()
+    return pixels
+
+
+def _visible_window(frame: Frame) -> tuple[slice, slice]:
+    """Find the rows and columns that hold all pixels with alpha."""
+    rows = np.flatnonzero(frame.alpha.any(1))
+    columns = np.flatnonzero(frame.alpha[rows[0] : rows[-1] + 1].any(0)) if len(rows) else rows
+    first, last = ([int(one[end]) for one in (rows, columns)] if len(rows) else [0, -1] for end in (0, -1))
+    return slice(first[0], last[0] + 1), slice(first[1], last[1] + 1)

@@ -16,7 +16,14 @@ LOGGER = logging.getLogger(__name__)
 
 
 def choose_backend(device: torch.device) -> ReferenceBackend:
-    """Choose numba on the CPU, if it is installed and works; elsewhere torch, with shadow maps by numba if it can."""
+    """Choose numba on the CPU and Warp on an NVIDIA GPU, if they are installed and work; else torch.
+
+    Beside a GPU without Warp, numba makes the shadow maps if it can.
+    """
+    if device.type == "cuda" and has_warp():
+        from ..compute.gpu.backend import WarpBackend
+
+        return WarpBackend()
     if not has_numba():
         return ReferenceBackend()
     from ..compute.cpu.backend import NumbaBackend
@@ -33,6 +40,26 @@ def has_numba() -> bool:
         return False
     except Exception as error:  # whatever is broken in numba, torch can still render
         LOGGER.warning("numba is installed but fails (%s); rendering continues without it, many times slower", error)
+        return False
+    return True
+
+
+@cache
+def has_warp() -> bool:
+    """Return whether Warp is installed (the extra `gpu`) and has computed a known value on the GPU.
+
+    Where it cannot, a warning says why: torch still renders there, slower.
+    """
+    try:
+        import_module("warp")
+    except ModuleNotFoundError:
+        return False
+    try:
+        from ..compute.gpu.backend import check_gpu
+
+        check_gpu()
+    except Exception as error:  # whatever is broken in Warp or the driver, torch can still render
+        LOGGER.warning("warp-lang is installed but not used (%s); rendering continues without it, slower", error)
         return False
     return True
 

@@ -13,11 +13,11 @@ from livehand.backend.commands.render_motion import (
     posed_upright,
     run,
     sampled_vertices,
-    write_png,
 )
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
 from livehand.backend.hand.model_file import builtin_hand_path, load_hand_model
+from livehand.backend.image.png_writer import write_png
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.landmarks.sighting import MEDIAPIPE_IN_WEBXR
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton

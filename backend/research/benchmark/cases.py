@@ -7,16 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
-from PIL import Image
 
 from ...avatars.avatar import PRESETS, Avatar, new_avatar
 from ...avatars.file import load_avatar
 from ...compute.precision import Precision
 from ...field.sampler import SamplerConfig
 from ...hand.model import HandModel
-from ...image.decode import straight_srgb
+from ...image.png_writer import write_png
 from ...records.errors import LiveHandError
 from ...records.frame import Frame
 from ...records.render_hooks import Stage
@@ -109,11 +107,6 @@ def timed_write(frame: Frame, stopwatch: Stopwatch) -> Cost:
         stopwatch.begin(WRITE)
         write_png(frame, Path(folder) / "frame.png")
         return stopwatch.stop()[WRITE]
-
-
-def write_png(frame: Frame, path: Path) -> None:
-    """Write 8 bits, sRGB-encoded, straight alpha, through Pillow."""
-    Image.fromarray((straight_srgb(frame) * 255 + 0.5).astype(np.uint8), "RGBA").save(path)
 
 
 def frame_cost(stages: Stages) -> Cost:

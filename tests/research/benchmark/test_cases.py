@@ -5,10 +5,11 @@ import pytest
 import torch
 from livehand.backend.geometry.framing import fitting_camera
 from livehand.backend.hand.lbs import posed_vertices
+from livehand.backend.image.png_writer import write_png
 from livehand.backend.image.srgb import srgb_to_linear
 from livehand.backend.records.frame import Frame
 from livehand.backend.records.shot import HandPose, Shot
-from livehand.backend.research.benchmark.cases import SYNC, WRITE, frame_cost, load_configurations, write_png
+from livehand.backend.research.benchmark.cases import SYNC, WRITE, frame_cost, load_configurations
 from livehand.backend.research.benchmark.stopwatch import Cost
 from PIL import Image
 

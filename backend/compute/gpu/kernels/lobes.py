@@ -1,0 +1,213 @@
+"""The specular lobes and how a bump changes them: as `light.brdf` and `light.prefiltered_environment`."""
+
+from __future__ import annotations
+
+from typing import no_type_check
+
+import warp as wp
+
+from .compiled import Floats3, Floats4, part
+
+LEAST_COSINE, GRAZING, TINY = wp.constant(1e-4), wp.constant(0.05), wp.constant(1e-8)
+_LEAST_MIRRORED, _LEAST_OF_EYE, _LEAST_BEND = wp.constant(0.01), wp.constant(0.9), wp.constant(1e-4)
+_LEAST_LENGTH = wp.constant(1e-12)
+SHARE, AHEAD, UP, WIDTH = (wp.constant(value) for value in range(4))
+
+
+@part
+@no_type_check
+def widened(alpha: float, light_radius_rad: float) -> float:
+    """Return the squared alpha of a lobe, widened by the light."""
+    return wp.min(alpha * alpha + light_radius_rad * light_radius_rad * 0.25, 1.0)
+
+
+@part
+@no_type_check
+def fresnel(cosine: float, squared_index: float) -> float:
+    """Compute the reflected share, as `light.brdf.fresnel`."""
+    c = wp.clamp(cosine, 0.0, 1.0)
+    inside = wp.sqrt(squared_index - 1.0 + c * c)
+    less = inside - c
+    more = inside + c
+    straight = less / more
+    aside = (c * more - 1.0) / (c * less + 1.0)
+    return 0.5 * straight * straight * (1.0 + aside * aside)
+
+
+@part
+@no_type_check
+def lobe(to_half: float, to_light: float, to_eye: float, squared: float, reflectance: float) -> float:
+    """Compute what one lobe reflects: GGX with correlated shadowing, times the cosine to the light."""
+    base = to_half * to_half * (squared - 1.0) + 1.0
+    shadowing = to_light * wp.sqrt(to_eye * to_eye * (1.0 - squared) + squared) + to_eye * wp.sqrt(
+        to_light * to_light * (1.0 - squared) + squared
+    )
+    return squared / (base * base) * 0.5 / shadowing * reflectance * to_light
+
+
+@part
+@no_type_check
+def half_way(towards: wp.vec3, view: wp.vec3) -> wp.vec3:
+    """Compute the unit direction between light and eye."""
+    between = towards - view
+    return between / wp.max(wp.length(between), TINY)
+
+
+@part
+@no_type_check
+def ggx(towards: wp.vec3, normal: wp.vec3, view: wp.vec3, radius_rad: float, squares: wp.vec2, index: float) -> wp.vec2:
+    """Compute both lobes for a light in a direction; `squares`: their squared alphas, `index`: squared."""
+    middle = half_way(towards, view)
+    to_eye = wp.max(-wp.dot(normal, view), GRAZING)
+    to_half = wp.clamp(wp.dot(normal, middle), 0.0, 1.0)
+    reflectance = fresnel(wp.dot(towards, middle), index)
+    to_light = wp.max(wp.dot(normal, towards), LEAST_COSINE)
+    wider = radius_rad * radius_rad * 0.25
+    return wp.vec2(
+        lobe(to_half, to_light, to_eye, wp.min(squares[0] + wider, 1.0), reflectance),
+        lobe(to_half, to_light, to_eye, wp.min(squares[1] + wider, 1.0), reflectance),
+    )
+
+
+@part
+@no_type_check
+def bump_shadowing(facing: float, towards: wp.vec3, along: float, surface_normal: wp.vec3) -> float:
+    """Compute the share of a light of cosine `facing`; `along`: cosine of both normals."""
+    share = wp.clamp(wp.dot(towards, surface_normal) / wp.max(facing * along, TINY), 0.0, 1.0)
+    return share * (1.0 + share - share * share)
+
+
+@part
+@no_type_check
+def horizon_occlusion(above: float, to_eye: float, alpha_squared: float) -> float:
+    """Compute a lobe's share; `above`: cosine of mirrored view and surface's normal, `to_eye`: and the bump's own."""
+    return wp.min(_part_of_lobe(above, alpha_squared) / _part_of_lobe(wp.max(to_eye, 0.0), alpha_squared), 1.0)
+
+
+@part
+@no_type_check
+def _part_of_lobe(cosine: float, alpha_squared: float) -> float:
+    tangent = cosine / (1.0 + wp.sqrt(wp.max(1.0 - cosine * cosine, 0.0)))
+    return 1.0 + tangent / wp.sqrt(alpha_squared + tangent * tangent)
+
+
+@part
+@no_type_check
+def clamped_reflection_normal(normal: wp.vec3, surface_normal: wp.vec3, view: wp.vec3, along: float) -> wp.vec3:
+    """Bend a normal back towards the surface's as `light.brdf`; `along`: cosine of both normals."""
+    up = -wp.dot(surface_normal, view)
+    facing = -wp.dot(normal, view)
+    least = wp.min(_LEAST_OF_EYE * up, _LEAST_MIRRORED)
+    bend = wp.sqrt(wp.max(1.0 - along * along, 0.0))
+    bent = normal
+    if up > 0.0 and 2.0 * facing * along - up < least and bend > _LEAST_BEND:
+        aside = (facing - along * up) / bend
+        reach = wp.acos(wp.min(least / wp.max(wp.sqrt(up * up + aside * aside), TINY), 1.0))
+        kept = 0.5 * (wp.atan2(aside, up) + reach)
+        bent = wp.cos(kept) * surface_normal + wp.sin(kept) / bend * (normal - along * surface_normal)
+    return bent
+
+
+@part
+@no_type_check
+def on_square(towards: wp.vec3) -> wp.vec2:
+    """Map a direction of any length but 0 to (u, v) in [-1, 1]."""
+    total = wp.abs(towards[0]) + wp.abs(towards[1]) + wp.abs(towards[2])
+    u = towards[0] / total
+    v = towards[1] / total
+    place = wp.vec2(u, v)
+    if towards[2] < 0.0:
+        place = wp.vec2(_with_sign(1.0 - wp.abs(v), u), _with_sign(1.0 - wp.abs(u), v))
+    return place
+
+
+@part
+@no_type_check
+def _with_sign(size: float, sign: float) -> float:
+    signed = size
+    if wp.cast(sign, wp.int32) < 0:
+        signed = -size
+    return signed
+
+
+@part
+@no_type_check
+def isotropic_lobe(lobes: Floats4, to_eye: float, alpha_squared: float, half: int, least_roughness: float) -> wp.vec4:
+    """Look up one of the two isotropic lobes: its share, direction ahead and up, and width."""
+    rows = lobes.shape[0] - 1
+    columns = lobes.shape[1] - 1
+    rough = (wp.sqrt(wp.sqrt(alpha_squared)) - least_roughness) / (1.0 - least_roughness)
+    down = wp.clamp(rough, 0.0, 1.0) * float(rows)
+    row = wp.min(int(down), rows - 1)
+    below = down - float(row)
+    over = wp.sqrt(1.0 - wp.clamp(to_eye, 0.0, 1.0)) * float(columns)
+    at = wp.min(int(over), columns - 1)
+    right = over - float(at)
+    found = wp.vec4()
+    for value in range(4):
+        upper = (1.0 - right) * lobes[row, at, half, value] + right * lobes[row, at + 1, half, value]
+        lower = (1.0 - right) * lobes[row + 1, at, half, value] + right * lobes[row + 1, at + 1, half, value]
+        found[value] = (1.0 - below) * upper + below * lower
+    return found
+
+
+@part
+@no_type_check
+def of_even_light(lobes: Floats4, to_eye: float, alpha_squared: float, least_roughness: float) -> float:
+    """Compute what a lobe reflects of light of 1 from everywhere."""
+    one = isotropic_lobe(lobes, to_eye, alpha_squared, 0, least_roughness)
+    other = isotropic_lobe(lobes, to_eye, alpha_squared, 1, least_roughness)
+    return one[SHARE] + other[SHARE]
+
+
+@part
+@no_type_check
+def mirrored_light(
+    radiance: Floats3,
+    lobes: Floats4,
+    side: int,
+    least_roughness: float,
+    normal: wp.vec3,
+    view: wp.vec3,
+    alpha_squared: float,
+) -> wp.vec4:
+    """Compute the light of a whole sky in a lobe, RGB, and that of light of 1 from everywhere."""
+    along = wp.dot(normal, view)
+    inverse = 1.0 / wp.max(wp.sqrt(wp.max(1.0 - along * along, 0.0)), _LEAST_LENGTH)
+    ahead = (view - along * normal) * inverse
+    light = wp.vec4()
+    for half in range(2):
+        found = isotropic_lobe(lobes, -along, alpha_squared, half, least_roughness)
+        around = _light_around(radiance, side, found[AHEAD] * ahead + found[UP] * normal, found[WIDTH])
+        light += found[SHARE] * wp.vec4(around[0], around[1], around[2], 1.0)
+    return light
+
+
+@part
+@no_type_check
+def _light_around(radiance: Floats3, side: int, towards: wp.vec3, width: float) -> wp.vec3:
+    """Look up the mean light around a direction in a lobe of a width, bilinear in the map."""
+    place = on_square(towards)
+    half = float(side / 2)
+    column = (place[0] + 1.0) * half + 0.5
+    row = (place[1] + 1.0) * half + 0.5
+    left = wp.clamp(int(wp.floor(column)), 0, side)
+    top = wp.clamp(int(wp.floor(row)), 0, side)
+    right = column - float(left)
+    below = row - float(top)
+    level = wp.clamp(int(width), 0, radiance.shape[1] - 2)
+    wider = width - float(level)
+    at = top * (side + 2) + left
+    upper = (1.0 - right) * _texel(radiance, at, level, wider) + right * _texel(radiance, at + 1, level, wider)
+    at += side + 2
+    lower = (1.0 - right) * _texel(radiance, at, level, wider) + right * _texel(radiance, at + 1, level, wider)
+    return (1.0 - below) * upper + below * lower
+
+
+@part
+@no_type_check
+def _texel(radiance: Floats3, at: int, level: int, wider: float) -> wp.vec3:
+    texel = wp.vec3()
+    for colour in range(3):
+        texel[colour] = (1.0 - wider) * radiance[at, level, colour] + wider * radiance[at, level + 1, colour]
+    return texel

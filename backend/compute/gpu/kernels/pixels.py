@@ -1,0 +1,249 @@
+"""The full-size image of a relightable hand: as `image.shading` and `image.edge_avoiding_filter`."""
+
+from __future__ import annotations
+
+from typing import no_type_check
+
+import warp as wp
+
+from ....image.edge_avoiding_filter import FACING_POWER, SHARES
+from ....image.shading import MIN_ALPHA
+from ....light.lighting import COEFFICIENTS, SMOOTH
+from .compiled import Floats, Floats2, Floats3, Ints, Longs, Vectors, kernel, part
+from .lobes import TINY
+
+_LEAST_SHARE, _OF_PIXEL, _OF_NEXT = wp.constant(0.01), wp.constant(0.5), wp.constant(0.125)
+_MIN_ALPHA, _COEFFICIENTS, _SMOOTH = wp.constant(MIN_ALPHA), wp.constant(COEFFICIENTS), wp.constant(SMOOTH)
+_OF_ITSELF, _OF_SIDE, _OF_CORNER = (wp.constant(value) for value in SHARES)
+_FACING_POWER = wp.constant(float(FACING_POWER))
+
+
+@part
+@no_type_check
+def neighbours(pixel: int, width: int, height: int) -> wp.vec4i:
+    """Find the four low-resolution pixels around a full-size one."""
+    row = pixel / (2 * width)
+    column = pixel % (2 * width)
+    top = wp.max((row + 1) / 2 - 1, 0)
+    left = wp.max((column + 1) / 2 - 1, 0)
+    bottom = wp.min((row + 1) / 2, height - 1)
+    right = wp.min((column + 1) / 2, width - 1)
+    return wp.vec4i(top * width + left, top * width + right, bottom * width + left, bottom * width + right)
+
+
+@part
+@no_type_check
+def bilinear(pixel: int, width: int) -> wp.vec4:
+    """Compute the weights of the four low-resolution pixels around a full-size one."""
+    below = 0.75 - 0.5 * float((pixel / (2 * width)) % 2)
+    right = 0.75 - 0.5 * float((pixel % (2 * width)) % 2)
+    return wp.vec4((1.0 - below) * (1.0 - right), (1.0 - below) * right, below * (1.0 - right), below * right)
+
+
+@part
+@no_type_check
+def _guided(share: wp.vec4, depths: wp.vec4, depth: float, edge_m: float) -> wp.vec4:
+    """Keep the shares of the rays at a depth, or of all if none is there."""
+    kept = wp.vec4()
+    total = wp.float32(0.0)
+    plain = wp.float32(0.0)
+    for k in range(4):
+        if share[k] > 0.0 and wp.isfinite(depth):
+            gap = (depth - depths[k]) / edge_m
+            kept[k] = share[k] * wp.exp(-gap * gap)
+        total += kept[k]
+        plain += share[k]
+    result = share / plain
+    if total > _LEAST_SHARE:
+        result = kept / total
+    return result
+
+
+@kernel
+@no_type_check
+def ray_shares(pixel: Longs, width: int, depth_of_rays: Floats, skin_depth: Floats, edge_m: Floats, shares: Floats2):
+    """Fill shares [P, 4] as `image.shading.shares_of_rays`.
+
+    `depth_of_rays` [h * w] is infinite where there is no ray, `skin_depth` [H * W] beside the hand.
+    """
+    index = wp.tid()
+    here = int(pixel[index])
+    height = depth_of_rays.shape[0] / width
+    large = 2 * width
+    row = here / large
+    column = here % large
+    depth = skin_depth[here]
+    around = neighbours(here, width, height)
+    share = bilinear(here, width)
+    depths = wp.vec4()
+    for k in range(4):
+        depths[k] = depth_of_rays[around[k]]
+        if not wp.isfinite(depths[k]):
+            share[k] = 0.0
+    own = _guided(share, depths, depth, edge_m[0])
+    beside = wp.vec4(
+        skin_depth[here - wp.min(column, 1)],
+        skin_depth[here + wp.min(large - 1 - column, 1)],
+        skin_depth[here - large * wp.min(row, 1)],
+        skin_depth[here + large * wp.min(2 * height - 1 - row, 1)],
+    )
+    is_edge = wp.bool(False)
+    for k in range(4):
+        is_edge = is_edge or wp.abs(beside[k] - depth) > edge_m[0]
+    if is_edge:
+        own = _OF_PIXEL * own
+        for k in range(4):
+            own += _OF_NEXT * _guided(share, depths, beside[k], edge_m[0])
+    for k in range(4):
+        shares[index, k] = own[k]
+
+
+@kernel
+@no_type_check
+def step_normals(at: Longs, share: Floats2, row: Ints, width: int, of_rays: Vectors, normal: Vectors, out: Vectors):
+    """Fill out [P] as `image.shading.normals_at_steps`; `row` [h * w] is the ray of a pixel, -1 for none."""
+    index = wp.tid()
+    pixel = int(at[index])
+    around = neighbours(pixel, width, row.shape[0] / width)
+    even = bilinear(pixel, width)
+    total = wp.float32(0.0)
+    for k in range(4):
+        if row[around[k]] < 0:
+            even[k] = 0.0
+        total += even[k]
+    off = wp.float32(0.0)
+    mean = wp.vec3()
+    for k in range(4):
+        off += wp.abs(share[index, k] - even[k] / total)
+        if row[around[k]] >= 0:
+            mean += share[index, k] * of_rays[row[around[k]]]
+    off = wp.min(off, 1.0)
+    mixed = (1.0 - off) * normal[index] + off / wp.max(wp.length(mean), TINY) * mean
+    out[index] = mixed / wp.max(wp.length(mixed), TINY)
+
+
+@part
+@no_type_check
+def _enlarged_value(maps: Floats3, channel: int, around: wp.vec4i, weights: wp.vec4) -> float:
+    width = maps.shape[2]
+    value = wp.float32(0.0)
+    for k in range(4):
+        value += weights[k] * maps[channel, around[k] / width, around[k] % width]
+    return value
+
+
+@kernel
+@no_type_check
+def enlarge_pixels(maps: Floats3, detail: Floats3, covered: Longs, world2cam: Floats2, values: Floats2, alphas: Floats):
+    """Fill values [H * W, 18] of covered pixels (premultiplied coefficients, normal and weight), and their alphas.
+
+    `maps` [C, h, w] begin with premultiplied coefficients and end with normals in camera axes and alpha; `detail`
+    [12, H, W] is added at full size. The weight is alpha's share of the means over pixels.
+    """
+    pixel = int(covered[wp.tid()])
+    width = maps.shape[2]
+    last = maps.shape[0] - 1
+    x = pixel % (2 * width)
+    y = pixel / (2 * width)
+    around = neighbours(pixel, width, maps.shape[1])
+    weights = bilinear(pixel, width)
+    enlarged = _enlarged_value(maps, last, around, weights)
+    straight = 1.0 / wp.max(enlarged, _MIN_ALPHA)
+    alpha = enlarged + detail[detail.shape[0] - 1, y, x]
+    weight = wp.clamp(alpha, _MIN_ALPHA, 1.0)
+    for k in range(_COEFFICIENTS):
+        value = _enlarged_value(maps, k, around, weights) * straight
+        if k >= _SMOOTH:
+            value += detail[k - _SMOOTH, y, x]
+        values[pixel, k] = wp.max(value, 0.0) * wp.clamp(alpha, 0.0, 1.0)
+    camera_normal = wp.vec3()
+    for k in range(3):
+        camera_normal[k] = (
+            _enlarged_value(maps, last - 3 + k, around, weights) * straight + detail[_COEFFICIENTS - _SMOOTH + k, y, x]
+        )
+    scale = weight / wp.max(wp.length(camera_normal), TINY)
+    for k in range(3):
+        turned = (
+            world2cam[0, k] * camera_normal[0] + world2cam[1, k] * camera_normal[1] + world2cam[2, k] * camera_normal[2]
+        )
+        values[pixel, _COEFFICIENTS + k] = turned * scale
+    values[pixel, _COEFFICIENTS + 3] = weight
+    alphas[pixel] = alpha
+
+
+@kernel
+@no_type_check
+def smooth_pixels(values: Floats2, covered: Longs, width: int, coefficients: Floats2, normal: Vectors):
+    """Fill the means over 3 x 3 pixels of the hand; `values` [H * W, 18] are 0 at all others."""
+    index = wp.tid()
+    pixel = int(covered[index])
+    x = pixel % width
+    y = pixel / width
+    height = values.shape[0] / width
+    total = wp.float32(0.0)
+    mean = wp.vec3()
+    for k in range(_COEFFICIENTS):
+        coefficients[index, k] = 0.0
+    for near in range(9):
+        dx = near % 3 - 1
+        dy = near / 3 - 1
+        if x + dx >= 0 and x + dx < width and y + dy >= 0 and y + dy < height:
+            at = pixel + dy * width + dx
+            share = (0.5 - 0.25 * float(wp.abs(dx))) * (0.5 - 0.25 * float(wp.abs(dy)))
+            total += share * values[at, _COEFFICIENTS + 3]
+            mean += share * wp.vec3(
+                values[at, _COEFFICIENTS], values[at, _COEFFICIENTS + 1], values[at, _COEFFICIENTS + 2]
+            )
+            for k in range(_COEFFICIENTS):
+                coefficients[index, k] = coefficients[index, k] + share * values[at, k]
+    scale = values[pixel, _COEFFICIENTS + 3] / total
+    for k in range(_COEFFICIENTS):
+        coefficients[index, k] = coefficients[index, k] * scale
+    normal[index] = mean / wp.max(wp.length(mean), TINY)
+
+
+@kernel
+@no_type_check
+def mean_over_surface(
+    pixel: Longs,
+    row: Ints,
+    width: int,
+    position: Vectors,
+    normal: Vectors,
+    off_plane_m: Floats,
+    stride: int,
+    before: Floats2,
+    after: Floats2,
+):
+    """Fill `after` [R, C]: means of `before` over rays beside each on the same surface."""
+    ray = wp.tid()
+    x = int(pixel[ray]) % width
+    y = int(pixel[ray]) / width
+    height = row.shape[0] / width
+    columns = before.shape[1]
+    total = float(_OF_ITSELF)
+    for k in range(columns):
+        after[ray, k] = _OF_ITSELF * before[ray, k]
+    for near in range(9):
+        dx = near % 3 - 1
+        dy = near / 3 - 1
+        there_x = x + stride * dx
+        there_y = y + stride * dy
+        if near == 4 or there_x < 0 or there_x >= width or there_y < 0 or there_y >= height:
+            continue
+        other = row[there_y * width + there_x]
+        if other < 0:
+            continue
+        facing = wp.dot(normal[other], normal[ray])
+        if facing <= 0.0:
+            continue
+        off = wp.dot(position[other] - position[ray], normal[ray]) / off_plane_m[0]
+        share = float(_OF_SIDE)
+        if dx * dy != 0:
+            share = _OF_CORNER
+        weight = share * wp.pow(facing, _FACING_POWER) * wp.exp(-off * off)
+        total += weight
+        for k in range(columns):
+            after[ray, k] = after[ray, k] + weight * before[other, k]
+    for k in range(columns):
+        after[ray, k] = after[ray, k] / total

@@ -1,0 +1,266 @@
+"""Small shadow maps: as `light.shadow_maps.look_up_reference` and `light.visibility.lit_share_reference`.
+
+Maps hold depths as the bits of positive floats, which have the order of their values.
+"""
+
+from __future__ import annotations
+
+from typing import no_type_check
+
+import warp as wp
+
+from ....geometry.tolerances import LEAST_SQUARED, LEAST_WINDOW, NEAR_M, STEEPEST
+from .compiled import INFINITE_BITS, Floats, Floats2, Ints2, Ints3, Longs2, Matrices, Vectors, Vectors2, kernel, part
+from .raster import covered_centres, fragment_depth, projected_area
+
+wp.set_module_options({"fuse_fp": False})  # strict: which of two faces is the nearer hangs on the last bit
+_LEAST_SQUARED, _LEAST_WINDOW = wp.constant(LEAST_SQUARED), wp.constant(LEAST_WINDOW)
+_STEEPEST, _NEAR_M = wp.constant(float(STEEPEST)), wp.constant(NEAR_M)
+_NO_DEPTH = wp.constant(1e-6)
+_INFINITE = wp.constant(INFINITE_BITS)
+_SIGN = wp.constant(0x7FFFFFFF)
+FRONTS, BACKS, OTHERS = (wp.constant(value) for value in range(3))
+"""Layers of a map: where light enters the mesh, where it leaves it, and the first of other triangles."""
+
+
+@part
+@no_type_check
+def _in_order(value: float) -> wp.int32:
+    """Return an integer that is as much larger or smaller than others as its float is."""
+    bits = wp.cast(value, wp.int32)
+    if bits < 0:
+        bits = bits ^ _SIGN
+    return bits
+
+
+@part
+@no_type_check
+def _of_order(bits: wp.int32) -> float:
+    plain = int(bits)
+    if plain < 0:
+        plain = plain ^ _SIGN
+    return wp.cast(plain, wp.float32)
+
+
+@part
+@no_type_check
+def across(frame: wp.mat33, distance: float, point: wp.vec3) -> wp.vec3:
+    """Find where the ray through a point crosses the plane of the centre, and the point's depth; in radii."""
+    local = frame * point
+    depth = distance - local[2]
+    divisor = depth
+    if wp.abs(depth) <= _NO_DEPTH:
+        divisor = _NO_DEPTH
+    enlarged = distance / divisor
+    return wp.vec3(local[0] * enlarged, local[1] * enlarged, depth)
+
+
+@kernel
+@no_type_check
+def find_bounds(frames: Matrices, distance: Floats, points: Vectors, parts: int, bounds: Ints2):
+    """Widen bounds [K, 4] (least x and y, most x and y, as `_in_order` has them) by every point, `parts` at once."""
+    view, first = wp.tid()
+    away = distance[view]
+    reach = away / wp.sqrt(wp.max(away * away - 1.0, _LEAST_SQUARED))
+    x0 = wp.float32(3.0e38)
+    y0 = wp.float32(3.0e38)
+    x1 = wp.float32(-3.0e38)
+    y1 = wp.float32(-3.0e38)
+    index = int(first)
+    while index < points.shape[0]:
+        place = across(frames[view], away, points[index])
+        x = wp.clamp(place[0], -reach, reach)
+        y = wp.clamp(place[1], -reach, reach)
+        if place[2] <= 0.0:
+            x = wp.float32(0.0)
+            y = wp.float32(0.0)
+        x0 = wp.min(x0, x)
+        y0 = wp.min(y0, y)
+        x1 = wp.max(x1, x)
+        y1 = wp.max(y1, y)
+        index += parts
+    wp.atomic_min(bounds, view, 0, _in_order(x0))
+    wp.atomic_min(bounds, view, 1, _in_order(y0))
+    wp.atomic_max(bounds, view, 2, _in_order(x1))
+    wp.atomic_max(bounds, view, 3, _in_order(y1))
+
+
+@kernel
+@no_type_check
+def fit_windows(distance: Floats, bounds: Ints2, points: int, map_px: int, windows: Floats2):
+    """Fill windows [K, 4] (x and y of the upper left corner, px, px per radius) as `MapWindows.around`."""
+    view = wp.tid()
+    half = float(map_px) * 0.5
+    if points == 0:
+        away = distance[view]
+        scale = (half - 1.0) * wp.sqrt(wp.max(away * away - 1.0, _LEAST_SQUARED)) / away
+        windows[view, 0] = half
+        windows[view, 1] = half
+        windows[view, 2] = scale
+        windows[view, 3] = scale
+        return
+    for axis in range(2):
+        least = _of_order(bounds[view, axis])
+        most = _of_order(bounds[view, axis + 2])
+        scale = (half - 1.0) / wp.max((most - least) * 0.5, _LEAST_WINDOW)
+        windows[view, axis] = half - (least + most) * 0.5 * scale
+        windows[view, axis + 2] = scale
+
+
+@part
+@no_type_check
+def _in_window(frame: wp.mat33, distance: float, windows: Floats2, view: int, point: wp.vec3) -> wp.vec3:
+    place = across(frame, distance, point)
+    return wp.vec3(
+        place[0] * windows[view, 2] + windows[view, 0], place[1] * windows[view, 3] + windows[view, 1], place[2]
+    )
+
+
+@kernel
+@no_type_check
+def project_casters(frames: Matrices, distance: Floats, points: Vectors, windows: Floats2, placed: Vectors2):
+    """Fill the places [K, V] of points in the maps: x and y, px, and depth, radii."""
+    view, index = wp.tid()
+    placed[view, index] = _in_window(frames[view], distance[view], windows, view, points[index])
+
+
+@kernel
+@no_type_check
+def draw_sides(placed: Vectors2, faces: Longs2, map_px: int, maps: Ints3):
+    """Lower the layers of maps [K, 3, map_px^2] to the mesh's front and back faces."""
+    view, face = wp.tid()
+    a = placed[view, int(faces[face, 0])]
+    b = placed[view, int(faces[face, 1])]
+    c = placed[view, int(faces[face, 2])]
+    area = projected_area(a, b, c)
+    layer = int(BACKS)
+    if area < 0.0:
+        layer = int(FRONTS)
+    if area != 0.0:
+        _draw(a, b, c, area, map_px, maps, view, layer)
+
+
+@kernel
+@no_type_check
+def draw_others(placed: Vectors2, map_px: int, maps: Ints3):
+    """Lower the last layer of maps to either side of the triangles of every three points."""
+    view, triangle = wp.tid()
+    a = placed[view, 3 * triangle]
+    b = placed[view, 3 * triangle + 1]
+    c = placed[view, 3 * triangle + 2]
+    area = projected_area(a, b, c)
+    if area != 0.0:
+        _draw(a, b, c, area, map_px, maps, view, OTHERS)
+
+
+@part
+@no_type_check
+def _draw(a: wp.vec3, b: wp.vec3, c: wp.vec3, area: float, map_px: int, maps: Ints3, view: int, layer: int):
+    box = covered_centres(a, b, c, map_px, map_px)
+    for y in range(box[2], box[3]):
+        for x in range(box[0], box[1]):
+            depth = fragment_depth(a, b, c, area, float(x) + 0.5, float(y) + 0.5)
+            if depth > 0.0:
+                wp.atomic_min(maps, view, layer, y * map_px + x, wp.cast(depth, wp.int32))
+
+
+@part
+@no_type_check
+def _where_light_ends(maps: Ints3, view: int, pixel: int, most: float, contact: float) -> wp.vec2:
+    """Find the depths at which light enters the mesh, minus infinity before another triangle, and at which it ends."""
+    enters = wp.cast(maps[view, FRONTS, pixel], wp.float32)
+    ends = enters
+    if maps[view, BACKS, pixel] < _INFINITE:
+        ends = enters + wp.min(0.5 * (wp.cast(maps[view, BACKS, pixel], wp.float32) - enters), most)
+    blocker = wp.cast(maps[view, OTHERS, pixel], wp.float32) + contact
+    if blocker < enters:
+        enters = wp.float32(-3.0e38)
+    return wp.vec2(enters, wp.min(ends, blocker))
+
+
+@kernel
+@no_type_check
+def look_up(
+    frames: Matrices,
+    distance: Floats,
+    points: Vectors,
+    windows: Floats2,
+    maps: Ints3,
+    map_px: int,
+    lengths: Floats,
+    lit: Floats2,
+    depth_in: Floats2,
+):
+    """Fill the share of the four nearest pixels in which points are lit, and their depth behind the surface.
+
+    `lengths` are the scene's tolerance, contact, max_depth_in and template_m (`light.shadow_maps.ShadowScene`).
+    """
+    view, index = wp.tid()
+    place = _in_window(frames[view], distance[view], windows, view, points[index])
+    x = place[0] - 0.5
+    y = place[1] - 0.5
+    depth = place[2]
+    limit = float(map_px - 1)
+    if not (x >= 0.0 and y >= 0.0 and x < limit and y < limit and depth > 0.0):
+        lit[view, index] = 1.0
+        depth_in[view, index] = 0.0
+        return
+    column = int(x)
+    row = int(y)
+    right = x - float(column)
+    below = y - float(row)
+    most = _STEEPEST / wp.min(windows[view, 2], windows[view, 3])
+    share = wp.float32(0.0)
+    inside = wp.float32(0.0)
+    for corner in range(4):
+        across_x = corner % 2
+        across_y = corner / 2
+        weight = wp.where(across_x == 1, right, 1.0 - right) * wp.where(across_y == 1, below, 1.0 - below)
+        way = _where_light_ends(maps, view, (row + across_y) * map_px + column + across_x, most, lengths[1])
+        if depth - lengths[0] <= way[1]:
+            share += weight
+        if way[0] < 3.0e38:
+            inside += weight * wp.clamp(depth - way[0], -lengths[2], lengths[2])
+    lit[view, index] = share
+    depth_in[view, index] = wp.max(inside, 0.0) * lengths[3]
+
+
+@kernel
+@no_type_check
+def draw_nearest(px: Vectors2, faces: Longs2, map_px: int, maps: Ints2):
+    """Lower maps [K, map_px^2] to the faces of a mesh whose places [K, V] in them are given, either side."""
+    view, face = wp.tid()
+    a = px[view, int(faces[face, 0])]
+    b = px[view, int(faces[face, 1])]
+    c = px[view, int(faces[face, 2])]
+    area = projected_area(a, b, c)
+    if area == 0.0:
+        return
+    box = covered_centres(a, b, c, map_px, map_px)
+    for y in range(box[2], box[3]):
+        for x in range(box[0], box[1]):
+            depth = fragment_depth(a, b, c, area, float(x) + 0.5, float(y) + 0.5)
+            if depth > 0.0:
+                wp.atomic_min(maps, view, y * map_px + x, wp.cast(depth, wp.int32))
+
+
+@kernel
+@no_type_check
+def fill_lit_share(lifted: Vectors2, maps: Ints2, map_px: int, bias: Floats, lit: Floats2):
+    """Fill the bilinear share of the four nearest pixels of a map that do not block a lifted vertex."""
+    view, vertex = wp.tid()
+    place = lifted[view, vertex]
+    limit = float(map_px) - 1.001
+    x = wp.clamp(place[0] - 0.5, 0.0, limit)
+    y = wp.clamp(place[1] - 0.5, 0.0, limit)
+    column = int(x)
+    row = int(y)
+    right = x - float(column)
+    below = y - float(row)
+    share = wp.float32(0.0)
+    for corner in range(4):
+        across_x = corner % 2
+        across_y = corner / 2
+        if place[2] - bias[0] <= wp.cast(maps[view, (row + across_y) * map_px + column + across_x], wp.float32):
+            share += wp.where(across_x == 1, right, 1.0 - right) * wp.where(across_y == 1, below, 1.0 - below)
+    lit[view, vertex] = share

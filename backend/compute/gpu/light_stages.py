@@ -1,0 +1,168 @@
+"""Light, without gradients: as `light.{shadow_maps, visibility, lighting, indirect_diffuse, near_field_light}`."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from ...geometry.mesh import PosedMesh, Topology
+from ...light.indirect_diffuse import MeshPoints, Surfels, indirect_diffuse_on_mesh
+from ...light.lighting import AmbientOcclusion, FrameShadows, LightFeatures, SurfacePoints
+from ...light.near_field_light import NearFieldFeatures, sky_cells
+from ...light.nearby_geometry import Patches
+from ...light.samples import LightSamples
+from ...light.shadow_maps import PointShadows, ShadowScene
+from ...light.sky_samples import SkySamples
+from ...light.visibility import MAP_PX, ShadowMapPoints
+from ..reference import ReferenceBackend
+from .kernels.compiled import INFINITE_BITS, lanes_of, launch
+from .kernels.features import add_lamps, add_surfels, sky_features, sum_surfels
+from .kernels.features import ambient_occlusion as fill_ambient_occlusion
+from .kernels.features import mesh_points as fill_mesh_points
+from .kernels.nearby import near_field_light as fill_near_light
+from .kernels.shadow import (
+    draw_nearest,
+    draw_others,
+    draw_sides,
+    fill_lit_share,
+    find_bounds,
+    fit_windows,
+    project_casters,
+)
+from .kernels.shadow import look_up as fill_shadows
+
+_LEAST, _MOST = torch.iinfo(torch.int32).min, torch.iinfo(torch.int32).max
+_BOUND_PARTS, _SURFEL_PARTS = 32, 1  # times the lanes: threads of a view, and of a point
+
+
+def look_up(scene: ShadowScene, map_points: Float[Tensor, "P 3"]) -> PointShadows:
+    """Look up shadows, as `light.shadow_maps.look_up_reference`, in all views at once."""
+    frames, distance = scene.views
+    views, count, device = len(distance), len(map_points), map_points.device
+    windows = _windows(scene, map_points)
+    maps = torch.full((views, 3, scene.map_px**2), INFINITE_BITS, dtype=torch.int32, device=device)
+    for points, triangles, draw in (
+        (scene.vertices, len(scene.faces), lambda placed: (draw_sides, placed, scene.faces)),
+        (scene.others, len(scene.others) // 3, lambda placed: (draw_others, placed)),
+    ):
+        if views and triangles:
+            placed = points.new_empty(views, len(points), 3)
+            launch(project_casters, (views, len(points)), frames, distance, points, windows, placed)
+            kernel, *of_mesh = draw(placed)
+            launch(kernel, (views, triangles), *of_mesh, scene.map_px, maps)
+    lengths = windows.new_tensor((scene.tolerance, scene.contact, scene.max_depth_in, scene.template_m))
+    shadows = PointShadows(windows.new_empty(views, count), windows.new_empty(views, count))
+    where = frames, distance, map_points, windows, maps, scene.map_px, lengths
+    launch(fill_shadows, (views, count), *where, *shadows)
+    return shadows
+
+
+def _windows(scene: ShadowScene, points: Float[Tensor, "P 3"]) -> Float[Tensor, "K 4"]:
+    """Fit the windows of the maps around points: upper left corner, px, and px per radius."""
+    frames, distance = scene.views
+    views, parts = len(distance), _parts(_BOUND_PARTS, points.device)
+    bounds = torch.full((views, 4), _MOST, dtype=torch.int32, device=points.device)
+    bounds[:, 2:] = _LEAST
+    launch(find_bounds, (views, parts), frames, distance, points, parts, bounds)
+    windows = distance.new_empty(views, 4)
+    launch(fit_windows, views, distance, bounds, len(points), scene.map_px, windows)
+    return windows
+
+
+def _parts(per_lane: int, device: torch.device) -> int:
+    lanes = lanes_of(device)
+    return 1 if lanes == 1 else per_lane * lanes
+
+
+def lit_share(points: ShadowMapPoints, topology: Topology) -> Float[Tensor, "K V"]:
+    """Compute lit shares, as `light.visibility.lit_share_reference`."""
+    views, count = points.depth.shape
+    placed, lifted = (
+        torch.cat([px, depth[..., None]], -1)
+        for px, depth in ((points.px, points.depth), (points.lifted_px, points.lifted_depth))
+    )
+    maps = torch.full((views, MAP_PX**2), INFINITE_BITS, dtype=torch.int32, device=placed.device)
+    launch(draw_nearest, (views, len(topology.faces)), placed, topology.faces, MAP_PX, maps)
+    lit = placed.new_empty(views, count)
+    launch(fill_lit_share, (views, count), lifted, maps, MAP_PX, points.bias.reshape(1), lit)
+    return lit
+
+
+def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePoints) -> LightFeatures:
+    """Compute the light features of points."""
+    sky, lamps = light
+    position, normal, relief_normal, view = points[:4]
+    count = len(position)
+    vectors = position.new_zeros(count, len(lamps.rgb), 3)
+    of_sky, seen, scattered = (position.new_empty(count, *shape) for shape in ((3, 3), (2,), (2, 3)))
+    cells = sky.towards, sky.flux, sky.brightness, sky.share, *shadows.sky
+    launch(sky_features, count, normal, relief_normal, view, *cells, of_sky, seen, scattered)
+    of_lamps = *lamps[:-1], *shadows.lamps
+    if len(lamps.lamp):
+        launch(add_lamps, count, position, normal, relief_normal, *of_lamps, vectors, scattered)
+    surfels, emitted = shadows.surfels.surfels, shadows.surfels.emitted(light)
+    reflected = indirect_diffuse_on_mesh(points.hit_points, position, normal, surfels, emitted, indirect_diffuse)
+    return LightFeatures(
+        lamp_vectors=vectors,
+        lamp_rgb=lamps.rgb,
+        lamp_radius_rad=lamps.radius_rad,
+        sky_vectors=of_sky,
+        lobe_visibility=seen,
+        mirrored=sky.mirrored,
+        near_field_specular=position.new_zeros(count, 2, 3),
+        scattered=scattered,
+        arriving=position.new_ones(count, 3),
+        reflected=reflected,
+    )
+
+
+def indirect_diffuse(
+    position: Float[Tensor, "R 3"], normal: Float[Tensor, "R 3"], surfels: Surfels, emitted: Float[Tensor, "P 3"]
+) -> Float[Tensor, "R 3"]:
+    """Compute indirect diffuse light, as `light.indirect_diffuse.indirect_diffuse`."""
+    count, parts = len(position), _parts(_SURFEL_PARTS, position.device)
+    sums, received = position.new_empty(count, parts, 4), position.new_empty(count, 3)
+    discs = surfels.position, surfels.normal, surfels.area_m2, emitted
+    launch(add_surfels, (count, parts), position, normal, *discs, parts, sums)
+    launch(sum_surfels, count, sums, received)
+    return received
+
+
+def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> AmbientOcclusion:
+    """Compute the ambient occlusion of points with these normals."""
+    found = AmbientOcclusion(normal.new_empty(len(normal)), normal.new_empty(len(normal), 3))
+    launch(fill_ambient_occlusion, len(normal), sky.towards, normal, shadows.lit, *found)
+    return found
+
+
+def mesh_points(
+    mesh: PosedMesh, faces: Int[Tensor, "F 3"], face: Int[Tensor, " R"], position: Float[Tensor, "R 3"]
+) -> MeshPoints:
+    """Locate points on the mesh, as `light.indirect_diffuse.MeshPoints.of`; face -1 is none."""
+    found = MeshPoints(faces.new_empty(len(face), 3), position.new_empty(len(face), 3))
+    launch(fill_mesh_points, len(face), mesh.vertices, faces, face.long(), position, *found)
+    return found
+
+
+def near_field_light(
+    patches: Patches, sky_visibility: PointShadows, emitted: Float[Tensor, "P 3"], points: SurfacePoints
+) -> NearFieldFeatures:
+    """Compute near-field light, as `light.near_field_light.near_field_light`."""
+    count = len(points.position)
+    found = NearFieldFeatures(*(emitted.new_empty(count, *shape) for shape in ((3, 3), (2, 3), (2, 3))))
+    around = patches.position, patches.normal, patches.area_m2, emitted, sky_visibility.lit, *sky_cells(emitted.device)
+    launch(fill_near_light, count, *points[:4], *around, *found)
+    return found
+
+
+class RadianceStages(ReferenceBackend):
+    """Light by Warp."""
+
+    look_up = staticmethod(look_up)
+    lit_share = staticmethod(lit_share)
+    ambient_occlusion = staticmethod(ambient_occlusion)
+    light_features = staticmethod(light_features)
+    indirect_diffuse = staticmethod(indirect_diffuse)
+    mesh_points = staticmethod(mesh_points)
+    near_field_light = staticmethod(near_field_light)

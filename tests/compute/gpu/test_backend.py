@@ -1,0 +1,77 @@
+"""What is checked before Warp is used on a GPU, and what is said where it cannot be."""
+
+import logging
+import subprocess
+import sys
+
+import pytest
+import torch
+import warp as wp
+from livehand.backend.compute.gpu import backend as warp_module
+from livehand.backend.compute.gpu.backend import WarpBackend
+from livehand.backend.compute.reference import ReferenceBackend
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.render import backends
+
+CUDA = torch.device("cuda")
+
+
+@pytest.fixture(autouse=True)
+def search_again():
+    """Warp is searched once per process."""
+    backends.has_warp.cache_clear()
+    yield
+    backends.has_warp.cache_clear()
+
+
+def test_known_values_are_computed(monkeypatch):
+    warp_module.check_values(torch.device("cpu"))
+    monkeypatch.setattr(warp_module, "launch", lambda *_: None)
+    with pytest.raises(LiveHandError, match="axes must be"):
+        warp_module.check_values(torch.device("cpu"))
+
+
+def test_a_missing_driver_is_named_once_and_torch_renders(monkeypatch, caplog):
+    monkeypatch.setattr(wp, "is_cuda_available", lambda: False)
+    monkeypatch.setattr(wp, "get_cuda_driver_version", lambda: (11, 8))
+    with caplog.at_level(logging.WARNING):
+        chosen = [backends.choose_backend(CUDA) for _ in range(3)]
+    assert not any(isinstance(one, WarpBackend) for one in chosen)
+    assert len(caplog.records) == 1
+    assert "got one for CUDA 11.8; update the driver" in caplog.text
+    assert "got none" in warp_module.driver_message((13, 4), None)
+
+
+def test_a_chip_that_is_too_old_is_named(monkeypatch):
+    monkeypatch.setattr(wp, "is_cuda_available", lambda: True)
+    monkeypatch.setattr(wp, "get_cuda_device", lambda: type("Chip", (), {"arch": 61}))
+    monkeypatch.setattr(wp, "get_cuda_supported_archs", lambda: [75, 90])
+    with pytest.raises(LiveHandError, match=r"7\.5 or later, got 6\.1"):
+        warp_module.check_gpu()
+
+
+def test_warp_is_chosen_on_a_gpu_that_it_can_use_and_never_on_a_cpu(monkeypatch):
+    monkeypatch.setattr(warp_module, "check_gpu", lambda: None)
+    assert isinstance(backends.choose_backend(CUDA), WarpBackend)
+    assert not isinstance(backends.choose_backend(torch.device("cpu")), WarpBackend)
+
+
+def test_without_warp_nothing_is_said(monkeypatch, caplog):
+    monkeypatch.setitem(sys.modules, "warp", None)
+    assert isinstance(backends.choose_backend(CUDA), ReferenceBackend)
+    assert not caplog.records
+
+
+@pytest.mark.slow
+def test_rendering_on_a_cpu_imports_no_warp():
+    code = """
+import sys
+from livehand.backend.avatars.file import load_avatar
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.render.renderer import Renderer
+from livehand.livehand_blender.cli import COMMANDS
+Renderer(load_avatar(), load_default_hand()).pipeline
+print("warp" in sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False"]
