@@ -14,7 +14,7 @@ from livehand.livehand_blender.ui.packages import LIVEHAND_PT_packages, RunningT
 from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 from livehand.tests.blender.test_panels import Layout, clipped, drawn_layout
 
-FAKE = dependencies.Requirement("livehand_fake", "livehand-fake>=1", 12)
+FAKE = dependencies.Requirement("livehand_missing_package", "livehand-missing-package>=1", 12)
 IS_ONLINE = SimpleNamespace(online_access=True, background=True, binary_path="", version=bpy.app.version)
 
 
@@ -211,8 +211,8 @@ def test_packages_are_found_once_they_are_there_after_blenders_own(tmp_path, mon
     before = list(sys.path)
     use_packages()
     assert sys.path == before
-    (folder / "livehand_fake").mkdir(parents=True)
-    (folder / "livehand_fake" / "__init__.py").write_text("")
+    (folder / "livehand_missing_package").mkdir(parents=True)
+    (folder / "livehand_missing_package" / "__init__.py").write_text("")
     use_packages()
     use_packages()
     assert sys.path == [*before, str(folder)]
@@ -224,12 +224,12 @@ def test_packages_are_found_once_they_are_there_after_blenders_own(tmp_path, mon
 def test_a_window_is_sent_to_the_button_and_a_farm_gets_the_line(fake, monkeypatch):
     error = ImportError("torch")
     in_farm = package_folder.missing_packages(error)
-    assert "lacks: livehand_fake; install them with: " in in_farm
+    assert "lacks: livehand_missing_package; install them with: " in in_farm
     assert in_farm.split("with: ")[1].startswith(sys.executable)
     app = SimpleNamespace(background=False)
     monkeypatch.setattr(package_folder, "bpy", SimpleNamespace(app=app, utils=bpy.utils))
     in_window = package_folder.missing_packages(error)
-    assert in_window.endswith("lacks: livehand_fake; press Install Packages at the top of the LiveHand tab")
+    assert in_window.endswith("lacks: livehand_missing_package; press Install Packages at the top of the LiveHand tab")
 
 
 def test_the_copied_line_installs_the_missing_packages(fake, monkeypatch):

@@ -5,9 +5,8 @@ import argparse
 import numpy as np
 import pytest
 from livehand.backend.person import making, person_avatar, sources
-from livehand.backend.person.command import COMMAND
-from livehand.backend.person.job import PersonJob
-from livehand.backend.person.kept_steps import PICTURED_HAND, KeptSteps, work_folder
+from livehand.backend.person.command import COMMAND, start_person
+from livehand.backend.person.kept_steps import PICTURED_HAND, KeptSteps, remove_work, work_folder
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.hand_picture import HandPicture, PicturedHand
@@ -69,7 +68,8 @@ def test_an_error_of_the_pictures_leaves_nothing(run, tmp_path):
 def test_a_canceled_job_leaves_nothing(tmp_path, pictured):
     output = tmp_path / "anna.safetensors"
     KeptSteps.beside(output, {}).kept("pictures", lambda: pictured, PICTURED_HAND)
-    job = PersonJob.start([str(tmp_path / "none"), "-o", str(output)], output)
+    job = start_person([str(tmp_path / "none"), "-o", str(output)])
     job.cancel()
     job.wait()
+    remove_work(output)
     assert list(tmp_path.iterdir()) == []

@@ -26,6 +26,7 @@ OPTIONAL = {
     "av": ("backend/tracking/",),
     "cv2": ("backend/capture/masks/",),
     "matplotlib": ("backend/system/figure.py",),
+    "warp": ("backend/compute/gpu/",),
     "scipy": (
         "backend/person/",
         "backend/rigs/model_transfer/",
