@@ -32,7 +32,7 @@ demo: $(VENV)/demo.stamp
 	@$(BIN)/livehand sheet $(OUT) > /dev/null
 	@echo "Look at $(OUT)/contact_sheet.png; the frames lie beside it: wave_0001.png and wave_0001.exr (Combined, Depth) to 0024."
 
-# A torch thread in each process: with one a core in each, they wait for one another (8.2 instead of 1.9 processor minutes
+# One torch thread a process: two processes of two threads wait for each other on two cores (8.2 instead of 1.9 processor minutes
 # for the tests of rigs and persons).
 test test-fast test-nightly: export OMP_NUM_THREADS := 1
 
@@ -56,7 +56,7 @@ kills: $(VENV)/dev.stamp
 # The daily loop: no Blender, nothing that is fitted or slow.
 test-fast: $(VENV)/dev.stamp
 	$(VENV_PYTHON) -m pytest -q $(SHARED) -m "not slow and not nightly" tests \
-		$(addprefix --ignore=tests/,blender gui training research/benchmark research/baselines research/comparison fuzz kills)
+		$(addprefix --ignore=tests/,blender gui compute/gpu training research/benchmark research/baselines research/comparison fuzz kills)
 
 # Fails without a GPU, so that nothing skipped is taken for passed.
 test-cuda: $(VENV)/dev.stamp
