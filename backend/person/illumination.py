@@ -64,18 +64,13 @@ class Illumination:
     @classmethod
     def of(cls, fit: LitStrengths, sources: Sequence[Light]) -> Illumination:
         """Take a fit's light of these sources, the lobes first."""
-        lobes = fit.strengths[: len(sky_lobes())]
-        return cls(lobes, np.exp(fit.log_tint)).with_lamps(sources[len(lobes) :], fit.strengths[len(lobes) :])
-
-    def with_lamps(self, sources: Sequence[Light], strengths: np.ndarray) -> Illumination:
-        """Return this light and the sources' lamps, each so many times as strong."""
-        lamps = [
+        lamps = tuple(
             replace(lamp, rgb=strength * np.asarray(lamp.rgb))
-            for source, strength in zip(sources, strengths, strict=True)
+            for source, strength in zip(sources, fit.strengths, strict=True)
             for lamp in source.lamps
             if strength > 0
-        ]
-        return replace(self, lamps=(*self.lamps, *lamps))
+        )
+        return cls(fit.strengths[: len(lobe_directions())], np.exp(fit.log_tint), lamps)
 
     def stronger(self, log_gain: float, tint: np.ndarray) -> Illumination:
         """Return this light, so much stronger, with another tint."""

@@ -91,7 +91,8 @@ def made_person(
     """Make a person from pictures whose poses are known well enough for flow to correct the rest."""
     texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, options.resolution)
     pictures = _chosen([picture for picture in hand.pictures if not picture.is_held_out], options.pictures)
-    pixels, skin = _pixels_of_scenes(base, pictures, log), _AtlasTone.of_family(texels, family, family_at_base(base))
+    pixels, base_log_albedo = _pixels_of_scenes(base, pictures, log), family_at_base(base)
+    skin = _AtlasTone.of_family(texels, family, base_log_albedo)
     made = None
     for round_index in range(options.rounds):
         tones = {scene: skin.at(of_scene) for scene, of_scene in pixels.items()}
@@ -104,7 +105,7 @@ def made_person(
         with_flow = options.with_flow and round_index > 0
         gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, with_flow)
         _check_seen(gathered)
-        completed = completed_ratio(texels, gathered, family, family_at_base(base), skin.melanin, options.kept_low)
+        completed = completed_ratio(texels, gathered, family, base_log_albedo, skin.melanin, options.kept_low)
         log(_report(round_index, gathered, completed))
         skin = replace(skin, bare=completed.log_ratio - skin.melanin * skin.per_melanin)
         gain, tint = completed.numbers.log_gain, np.exp(completed.numbers.log_tint)
