@@ -29,6 +29,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--samples", type=int, default=8)
     parser.add_argument("--scene-samples", type=int, default=32)
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument(
+        "--every", type=int, default=1, metavar="N", help="of the script's frames; `develop` takes it, too"
+    )
     args = parser.parse_args(arguments)
     _render(args, STRANGERS[args.stranger])
 
@@ -46,6 +49,7 @@ def _render(args: argparse.Namespace, stranger: Stranger) -> None:
     kept = [Job(folder / "scenes" / f"{index}.exr", scene, index) for index, scene in enumerate(scenes[FRAMES:])]
     film = [Job(folder / "linear" / f"{index:03d}.exr", scene, index) for index, scene in enumerate(scenes[:FRAMES])]
     render_missing(studio, kept, args.scene_samples, _say)
+    film = film[:: args.every]
     for first in range(_STRIDE):  # a film that is interrupted shows all of its turn
         render_missing(studio, film[first::_STRIDE], args.samples, _say)
 

@@ -142,7 +142,7 @@ def number_gates(avatar: Avatar, truth: Truth) -> list[Gate]:
     if surface is None:
         raise LiveHandError(f"the avatar must have a surface to be measured, got none in '{avatar.name}'")
     rows = [Gate("5 melanin, off by", abs(surface.person.melanin - truth.melanin), most=0.08)]
-    if RATIO_ARRAY in surface.arrays:
+    if RATIO_ARRAY in surface.arrays and truth.drawn.any():
         log_ratio = RATIO_STEP * surface.arrays[RATIO_ARRAY].astype(np.float32)
         region = resized(truth.drawn.astype(np.float32), len(log_ratio)) > 0.5
         wanted = resized(truth.log_factor, len(log_ratio))

@@ -119,9 +119,10 @@ def read_rgba(path: Path) -> np.ndarray:
 
 
 def drawn_texels(stranger: Stranger, points: BakedPoints) -> np.ndarray:
-    """Find the texels [A, A] of the back's drawings and 3 mm around them."""
+    """Find the texels [A, A] of the back's drawings and 3 mm around them; none of a stranger without drawings."""
     strokes = [_widened(stroke) for stroke in stranger.strokes if stroke.is_dorsal]
-    inked = np.max([ink(stroke, points.at_mm, points.normals) for stroke in strokes], 0) > 0.5
+    none = np.zeros(len(points.at_mm))
+    inked = np.max([none, *(ink(stroke, points.at_mm, points.normals) for stroke in strokes)], 0) > 0.5
     resolution = points.texels.resolution
     drawn = np.zeros(resolution**2, bool)
     drawn[points.texels.pixel[inked]] = True
