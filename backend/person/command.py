@@ -65,8 +65,9 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
     beta = hand.pictures[0].pose.beta
     figures = held_out_figures(made.model, hand.pictures, made.lights)
     measured = {} if figures is None else {key: round(value, 3) for key, value in figures._asdict().items()}
-    provenance = {"source": hand.source, "side": hand.side, "pictures": len(hand.pictures), "consent": args.consent}
-    save_avatar(person_avatar(made, model, beta, args.name or args.output.stem, provenance), args.output)
+    provenance = {"source": hand.source, "pictures": len(hand.pictures), "consent": args.consent}
+    avatar = person_avatar(made, model, beta, args.name or args.output.stem, hand.side, provenance)
+    save_avatar(avatar, args.output)
     numbers, seen = made.completed.numbers, float((made.completed.confidence > 0.5).mean())
     if args.sheet:
         write_sheet(args.sheet, made, hand.pictures, f"{args.output.stem}: {seen:.0%} of the skin was seen")

@@ -12,11 +12,13 @@ from ..avatars.file import load_avatar
 from ..avatars.library import shipped_avatar_path
 from ..capture.person import Person
 from ..hand.model import HandModel
+from ..records.side import Side
 from ..render.thumbnail import with_thumbnail
-from ..surface.albedo_ratio import RATIO_ARRAY
+from ..surface.albedo_ratio import MARKS_ARRAYS, RATIO_ARRAY
 from ..surface.base_surface import whole_surface
 from ..surface.detail_surface import OFFSET_STEP_M
 from .making import Bases, MadePerson
+from .marks import marks_map
 from .model import PersonModel
 
 _CONFIDENCE_RESOLUTION = 256
@@ -24,7 +26,9 @@ _MOST_BETA = 3.0
 _MOST_MELANIN, _MOST_BLOOD = 1.2, 2.0
 
 
-def person_avatar(made: MadePerson, hand: HandModel, beta: np.ndarray, name: str, provenance: dict[str, Any]) -> Avatar:
+def person_avatar(
+    made: MadePerson, hand: HandModel, beta: np.ndarray, name: str, side: Side, provenance: dict[str, Any]
+) -> Avatar:
     """Make the avatar.
 
     Args:
@@ -32,7 +36,8 @@ def person_avatar(made: MadePerson, hand: HandModel, beta: np.ndarray, name: str
         hand: the model.
         beta: [10] the person's shape.
         name: for display.
-        provenance: of the pictures: source, side, consent.
+        side: of the hand that was pictured, which alone has its marks.
+        provenance: of the pictures: source, consent.
     """
     base = made.model.avatar
     assert base.surface is not None
@@ -41,10 +46,15 @@ def person_avatar(made: MadePerson, hand: HandModel, beta: np.ndarray, name: str
         RATIO_ARRAY: made.steps,
         "confidence": _confidence(made),
     }
+    marks = marks_map(
+        made.texels, made.completed.log_ratio, made.completed.confidence, whole_surface(base.surface).arrays["nail"]
+    )
+    if marks.any():
+        arrays[MARKS_ARRAYS[side]] = marks
     if made.model.offset_m.any():
         arrays["offset"] = _offset(made, whole_surface(base.surface).arrays["offset"])
     surface = replace(base.surface, arrays=arrays, person=_person(made, base.surface.person, beta))
-    facts = {"made_by": "livehand person", "base": base.name, **provenance}
+    facts = {"made_by": "livehand person", "base": base.name, "side": side, **provenance}
     avatar = replace(base, name=name, surface=surface, provenance=facts, metrics={}, thumbnail=None)
     return with_thumbnail(avatar, hand, "cpu")
 

@@ -25,6 +25,7 @@ from ..hand.topology import Skinning, topology_of
 from ..light.lighting import AmbientOcclusion, reflectance
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
+from ..records.side import Side
 from ..surface.albedo_ratio import vertex_ratio
 from ..surface.atlas_texels import AtlasTexels
 from ..surface.shading_detail import log_albedo
@@ -49,8 +50,8 @@ def vertex_albedo(avatar: Avatar, hand: HandModel) -> np.ndarray:
 
 
 @torch.inference_mode()
-def atlas_albedo(avatar: Avatar, hand: HandModel, resolution: int) -> np.ndarray:
-    """Compute the linear diffuse reflectance [A, A, 3] over the atlas, the row of the smallest v first.
+def atlas_albedo(avatar: Avatar, hand: HandModel, resolution: int, side: Side = "right") -> np.ndarray:
+    """Compute the linear diffuse reflectance [A, A, 3] of one hand over the atlas, the row of the smallest v first.
 
     With the fine pigment and folds of the avatar's surface, if it has one. Beyond the charts each texel has the colour
     of the nearest within, so that mipmaps do not bleed.
@@ -64,7 +65,7 @@ def atlas_albedo(avatar: Avatar, hand: HandModel, resolution: int) -> np.ndarray
     if surface is not None:
         at = (torch.arange(resolution) + 0.5) / resolution
         uv = torch.stack([at.expand(resolution, -1), at[:, None].expand(-1, resolution)], -1).reshape(-1, 2)
-        image = image * torch.exp(log_albedo(surface.maps, uv, resolution)).reshape(resolution, resolution, 3)
+        image = image * torch.exp(log_albedo(surface.maps_of(side), uv, resolution)).reshape(resolution, resolution, 3)
     return image.clamp(0, 1).numpy()
 
 
@@ -76,23 +77,24 @@ def _field_over_atlas(avatar: Avatar, hand: HandModel, resolution: int) -> np.nd
     return texels.as_map(_albedo_at(avatar, hand, SurfaceSamples(face, weights, torch.zeros(len(face)))))
 
 
-def baked_colors(avatar_path: Path, hand: HandModel, folder: Path, resolution: int = 1024) -> Path:
+def baked_colors(avatar_path: Path, hand: HandModel, folder: Path, side: Side, resolution: int = 1024) -> Path:
     """Write an avatar's albedo over the atlas as an 8-bit PNG, unless it was written before; returns its path.
 
     Args:
         avatar_path: of the avatar.
         hand: its model.
         folder: of such files; it is made.
+        side: which hand wears them.
         resolution: of the picture.
 
     Raises:
         LiveHandError: the avatar cannot be read, is not relightable, or the file cannot be written.
     """
     sha256 = hashlib.sha256(avatar_path.read_bytes()).hexdigest() if avatar_path.is_file() else ""
-    path = folder / f"{avatar_path.stem}_{sha256[:12]}.png"
+    path = folder / f"{avatar_path.stem}_{side}_{sha256[:12]}.png"
     if path.is_file():
         return path
-    encoded = linear_to_srgb(atlas_albedo(load_avatar(avatar_path), hand, resolution))
+    encoded = linear_to_srgb(atlas_albedo(load_avatar(avatar_path), hand, resolution, side))
     picture = Image.fromarray((255 * encoded[::-1]).round().astype(np.uint8))
     with replacing(path) as partial:
         picture.save(partial, format="PNG")

@@ -14,7 +14,8 @@ from ..geometry.local_rotation import LocalFrames
 from ..geometry.mesh import PosedMesh
 from ..hand.model import MIRROR_AXIS_ANGLE
 from ..records.shot import HandPose
-from ..surface.albedo_ratio import RATIO_ARRAY, AlbedoRatio
+from ..records.side import Side
+from ..surface.albedo_ratio import MARKS_ARRAYS, AlbedoRatio
 from ..surface.base_surface import whole_surface
 from ..surface.detail_maps import DetailMaps, SkinLook
 from ..surface.detail_maps_file import SkinFlexion, skin_detail_of
@@ -32,7 +33,8 @@ class AvatarSurface:
     """A person's skin.
 
     Attributes:
-        maps: its detail.
+        maps: its detail, of the right hand.
+        left_ratio: of the left hand's albedo, in place of that of `maps`.
         bend: how poses bend it.
         surface: on which it lies.
         veins_mm: height of veins.
@@ -41,11 +43,16 @@ class AvatarSurface:
     """
 
     maps: DetailMaps
+    left_ratio: AlbedoRatio | None
     bend: SkinFlexion
     surface: DetailSurface
     veins_mm: float
     hair_albedo: tuple[float, ...]
     hair_growth: HairGrowth
+
+    def maps_of(self, side: Side) -> DetailMaps:
+        """Return the detail of one hand."""
+        return self.maps if side == "right" else self.maps._replace(ratio=self.left_ratio)
 
     def posed(
         self,
@@ -105,9 +112,12 @@ def _posable(surface: StoredSurface, device: torch.device) -> AvatarSurface:
     arrays, person = whole_surface(surface).arrays, surface.person
     detail = skin_detail_of(arrays)
     maps = DetailMaps.of(detail, SkinLook(person.melanin, person.folds, person.veins_mm), device)
-    ratio = AlbedoRatio.of(arrays[RATIO_ARRAY], device) if RATIO_ARRAY in arrays else None
+    right = AlbedoRatio.of_side(arrays, "right", device)
+    # Without marks both hands share one.
+    has_marks = any(name in arrays for name in MARKS_ARRAYS.values())
     return AvatarSurface(
-        maps=maps._replace(ratio=ratio),
+        maps=maps._replace(ratio=right),
+        left_ratio=AlbedoRatio.of_side(arrays, "left", device) if has_marks else right,
         bend=detail.bend,
         surface=detail_surface_of(arrays),
         veins_mm=person.veins_mm,

@@ -90,8 +90,8 @@ class SurfacePoser:
     backend: ReferenceBackend
 
     def with_maps(self, maps: DetailMaps) -> SurfacePoser:
-        """Return the same surface with other maps of its detail; templates are shared."""
-        other = replace(self, skin=replace(self.skin, maps=maps))
+        """Return the same surface with other maps of its detail, on both hands; templates are shared."""
+        other = replace(self, skin=replace(self.skin, maps=maps, left_ratio=maps.ratio))
         other._levels.update(self._levels)
         return other
 
@@ -108,13 +108,13 @@ class SurfacePoser:
         """Return the surface over a hand in this pose; `template` as in `mesh`."""
         mesh = self.mesh(pose, hand.mesh, hand.topology.frames, template)
         hits = self.backend.ray_hits(mesh, hand.camera, hand.camera.every_pixel)
-        return SurfaceInView(self.skin.maps, mesh, hits)
+        return SurfaceInView(self.skin.maps_of(pose.side), mesh, hits)
 
-    def shown(self, mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> SurfacePixels:
-        """Return what rays at `pixel` of a low-resolution camera show of the posed surface, and their image."""
+    def shown(self, mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"], side: Side) -> SurfacePixels:
+        """Return what rays at `pixel` of a low-resolution camera show of a hand's posed surface, and their image."""
         full, covered = doubled(camera), covered_pixels(pixel, camera.size_px)
         seen = self.backend.visible_surface(mesh, full)
-        pixels = detail_pixels(covered, view_directions(full, covered), seen, mesh, full, self.skin.maps)
+        pixels = detail_pixels(covered, view_directions(full, covered), seen, mesh, full, self.skin.maps_of(side))
         return SurfacePixels(pixels, self.backend.ray_hits(mesh, camera, pixel))
 
     def mesh(

@@ -13,8 +13,9 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
+from torch.nn.functional import avg_pool2d, interpolate
 
+from ..records.side import SIDES, Side
 from .detail_maps_file import ATLAS_MM
 from .map_pyramid import LEVELS, pyramid_levels, trilinear
 
@@ -22,6 +23,8 @@ RATIO_STEP = 0.015
 """What one step of the stored logarithms is worth."""
 RATIO_ARRAY = "albedo/ratio"
 MOST_LOG_RATIO = 127 * RATIO_STEP
+MARKS_ARRAYS: Mapping[Side, str] = {side: f"marks/{side}" for side in SIDES}
+"""Where the factor shows what one hand alone has, as a tattoo or a scar: 0 to 255."""
 
 
 class AlbedoRatio(NamedTuple):
@@ -46,6 +49,19 @@ class AlbedoRatio(NamedTuple):
             level = avg_pool2d(level, 2)
         return cls(torch.cat(levels).to(device), len(steps))
 
+    @classmethod
+    def of_side(
+        cls, arrays: Mapping[str, np.ndarray], side: Side, device: torch.device | str = "cpu"
+    ) -> AlbedoRatio | None:
+        """Make the pyramid of one hand of a surface's arrays, without the other hand's marks; None: they have none."""
+        steps = arrays.get(RATIO_ARRAY)
+        if steps is None:
+            return None
+        others = [arrays[name] for other, name in MARKS_ARRAYS.items() if other != side and name in arrays]
+        for marks in others:
+            steps = without_marks(steps, marks)
+        return cls.of(steps, device)
+
     @property
     def texel_m(self) -> float:
         """Side of a texel of the finest level, template metres."""
@@ -64,6 +80,39 @@ class AlbedoRatio(NamedTuple):
 def ratio_steps(log_ratio: Float[Tensor, ...]) -> Tensor:
     """Store logarithms of factors as int8."""
     return (log_ratio / RATIO_STEP).round().clamp(-127, 127).to(torch.int8)
+
+
+def without_marks(steps: np.ndarray, marks: np.ndarray) -> np.ndarray:
+    """Fill marks with what is around them, from coarse to fine.
+
+    Args:
+        steps: [A, A, 3] int8 of the factor.
+        marks: [K, K] uint8: where 255, nothing of the texel is kept.
+
+    Returns:
+        [A, A, 3] int8; `steps` itself beyond the marks.
+    """
+    at = (np.arange(len(steps)) * len(marks)) // len(steps)
+    hidden = torch.as_tensor(marks[np.ix_(at, at)], dtype=torch.float32)[None, None] / 255
+    values = torch.as_tensor(steps, dtype=torch.float32).permute(2, 0, 1)[None]
+    filled = _filled_from_around(values, (hidden == 0).float())
+    blended = torch.where(hidden > 0, values + hidden * (filled - values), values)
+    return blended[0].permute(1, 2, 0).round().to(torch.int8).numpy()
+
+
+def _filled_from_around(values: Tensor, kept: Tensor) -> Tensor:
+    """Blend values [1, C, H, W] whose weights [1, 1, H, W] are below 1 with means over ever wider areas."""
+    if len(values[0, 0]) % 2 or bool((kept == 1).all()):
+        return values * kept + (1 - kept) * _mean(values, kept)
+    weight = avg_pool2d(kept, 2)
+    coarse = avg_pool2d(values * kept, 2) / weight.clamp(min=1e-6)
+    coarse = _filled_from_around(coarse, (weight * 2).clamp(max=1))
+    return values * kept + (1 - kept) * interpolate(coarse, scale_factor=2, mode="bilinear")
+
+
+def _mean(values: Tensor, weights: Tensor) -> Tensor:
+    total = weights.sum().clamp(min=1e-6)
+    return ((values * weights).sum((2, 3)) / total)[..., None, None]
 
 
 def vertex_ratio(arrays: Mapping[str, np.ndarray], corner_uv: np.ndarray, faces: np.ndarray) -> np.ndarray | None:

@@ -57,9 +57,11 @@ ARRAYS: Mapping[str, ArraySpec] = {
     "hair/share": ArraySpec("float32", ("M", "H"), 0, 1),
     "albedo/ratio": ArraySpec("int8", ("A", "A", 3), -127, 127, is_optional=True),
     "confidence": ArraySpec("uint8", ("C", "C"), is_optional=True),
+    "marks/right": ArraySpec("uint8", ("K", "K"), is_optional=True),
+    "marks/left": ArraySpec("uint8", ("L", "L"), is_optional=True),
 }
 """Of a surface, by name: V, N, M: vertices of the hand model, vertices and faces of its second subdivision; F: forms
-that poses raise; R, Q, U, A, C: texels along the atlas; H: regions of hair."""
+that poses raise; R, Q, U, A, C, K, L: texels along the atlas; H: regions of hair."""
 
 
 @dataclass(frozen=True)

@@ -187,7 +187,7 @@ class LitTrainingViews(TrainingViews):
             return None
         if index not in self._kept_surface:
             mesh = self._surface.mesh(self._pose(index), view.mesh, self.topology.frames)
-            shown = self._surface.shown(mesh, view.camera, view.rays.pixel)
+            shown = self._surface.shown(mesh, view.camera, view.rays.pixel, self._pose(index).side)
             self._kept_surface[index] = shown.halved()
         return self._kept_surface[index].whole()
 

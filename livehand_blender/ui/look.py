@@ -44,7 +44,7 @@ class LIVEHAND_OT_wear_avatar_colors(OnHand, bpy.types.Operator):
 
         hand = RiggedHand.active(context)
         avatar = hand_source(hand.armature).avatar_path
-        wear_texture(hand, baked_colors(avatar, hand.model, library_folder(context) / "colors"))
+        wear_texture(hand, baked_colors(avatar, hand.model, library_folder(context) / "colors", hand.side))
 
 
 class LIVEHAND_OT_remove_texture(OnHand, bpy.types.Operator):

@@ -86,7 +86,7 @@ def test_a_held_out_picture_is_shown(made, hand, tmp_path):
 
 
 def test_the_avatar_is_the_person_after_its_file_too(made, hand, tmp_path):
-    avatar = person_avatar(made, made.model.hand, np.zeros(10), "made", {"source": "made", "consent": "mine"})
+    avatar = person_avatar(made, made.model.hand, np.zeros(10), "made", "right", {"source": "made", "consent": "mine"})
     save_avatar(avatar, tmp_path / "made.safetensors")
     loaded = load_avatar(tmp_path / "made.safetensors")
     assert loaded.provenance["consent"] == "mine"

@@ -98,8 +98,8 @@ def test_a_persons_factor_is_in_the_colors_and_their_file_is_made_once(tmp_path)
     plain, dark = (atlas_albedo(one, hand, 64) for one in (avatar, darker))
     np.testing.assert_allclose(dark, plain * np.exp(-20 * RATIO_STEP), rtol=1e-3)
     save_avatar(darker, path)
-    colors = baked_colors(path, hand, tmp_path / "colors", 64)
+    colors = baked_colors(path, hand, tmp_path / "colors", "right", 64)
     written = colors.stat().st_mtime_ns
     with Image.open(colors) as picture:
         assert picture.size == (64, 64)
-    assert baked_colors(path, hand, tmp_path / "colors", 64).stat().st_mtime_ns == written
+    assert baked_colors(path, hand, tmp_path / "colors", "right", 64).stat().st_mtime_ns == written

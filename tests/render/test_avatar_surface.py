@@ -97,6 +97,18 @@ def test_maps_offsets_and_hairs_are_those_of_the_avatars_file(avatar, hand):
 
 
 @pytest.mark.slow
+def test_marks_of_the_left_hand_are_not_on_the_right_one(avatar):
+    steps, marks = np.zeros((64, 64, 3), np.int8), np.zeros((64, 64), np.uint8)
+    steps[20:24, 10:30], marks[20:24, 10:30] = -90, 255
+    arrays = {**avatar.surface.arrays, "albedo/ratio": steps, "marks/left": marks}
+    skin = avatar_surface_of(replace(avatar, surface=replace(avatar.surface, arrays=arrays)), CPU)
+    at = 22 * 64 + 20
+    assert skin.maps_of("left").ratio.table[at].tolist() == [-90, -90, -90]
+    assert skin.maps_of("right").ratio.table[at].tolist() == [0, 0, 0]
+    assert skin.maps_of("left").table is skin.maps_of("right").table
+
+
+@pytest.mark.slow
 def test_a_surface_that_does_not_fit_the_mesh_is_refused(avatar, hand):
     surface = avatar_surface_of(avatar, CPU).surface
     with pytest.raises(LiveHandError, match=r"the surface must have the 30674 vertices of .* got 30673"):

@@ -2,7 +2,14 @@
 
 import numpy as np
 import torch
-from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP, AlbedoRatio, ratio_steps, vertex_ratio
+from livehand.backend.surface.albedo_ratio import (
+    RATIO_ARRAY,
+    RATIO_STEP,
+    AlbedoRatio,
+    ratio_steps,
+    vertex_ratio,
+    without_marks,
+)
 
 A = 64
 
@@ -52,3 +59,38 @@ def test_vertices_have_the_mean_of_their_corners():
 
 def test_a_surface_without_it_has_no_factor():
     assert vertex_ratio({}, np.zeros((1, 3, 2)), np.array([[0, 1, 2]])) is None
+
+
+def marked():
+    steps, marks = even(20, -10, 5), np.zeros((A // 2, A // 2), np.uint8)
+    steps[20:24, 10:30] = -90
+    marks[10:12, 5:15] = 255
+    return steps, marks
+
+
+def test_marks_are_filled_with_what_is_around_and_nothing_else_changes():
+    steps, marks = marked()
+    np.testing.assert_array_equal(without_marks(steps, marks), even(20, -10, 5))
+    steps[40, 40] = 77
+    assert (without_marks(steps, marks)[40, 40] == 77).all()
+
+
+def test_half_a_mark_is_half_filled():
+    steps, marks = marked()
+    blended = without_marks(steps, (marks // 2).astype(np.uint8))[22, 20]
+    np.testing.assert_allclose(blended, -90 + 127 / 255 * (np.array([20, -10, 5]) + 90), atol=0.5)
+
+
+def test_an_atlas_that_is_all_mark_stays_finite():
+    filled = without_marks(even(20, 0, 0), np.full((A, A), 255, np.uint8))
+    assert np.isfinite(filled).all()
+
+
+def test_the_other_hand_goes_without_a_hands_marks():
+    steps, marks = marked()
+    arrays = {RATIO_ARRAY: steps, "marks/right": marks}
+    right, left = (AlbedoRatio.of_side(arrays, side) for side in ("right", "left"))
+    row = 22 * A + 20
+    assert right.table[row].tolist() == [-90, -90, -90]
+    assert left.table[row].tolist() == [20, -10, 5]
+    assert AlbedoRatio.of_side({"marks/right": marks}, "left") is None
