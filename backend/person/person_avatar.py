@@ -17,11 +17,10 @@ from ..render.thumbnail import with_thumbnail
 from ..surface.albedo_ratio import MARKS_ARRAYS, RATIO_ARRAY
 from ..surface.base_surface import whole_surface
 from ..surface.detail_surface import OFFSET_STEP_M
+from .atlas_masks import confidence_map, marks_map
 from .making import Bases, MadePerson
-from .marks import marks_map
 from .model import PersonModel
 
-_CONFIDENCE_RESOLUTION = 256
 _MOST_BETA = 3.0
 _MOST_MELANIN, _MOST_BLOOD = 1.2, 2.0
 
@@ -39,16 +38,15 @@ def person_avatar(
         side: of the hand that was pictured, which alone has its marks.
         provenance: of the pictures: source, consent.
     """
-    base = made.model.avatar
+    base, completed = made.model.avatar, made.completed
     assert base.surface is not None
     arrays: dict[str, np.ndarray] = {
         **base.surface.arrays,
         RATIO_ARRAY: made.steps,
-        "confidence": _confidence(made),
+        "confidence": confidence_map(made.texels, completed.confidence),
     }
-    marks = marks_map(
-        made.texels, made.completed.log_ratio, made.completed.confidence, whole_surface(base.surface).arrays["nail"]
-    )
+    nail = whole_surface(base.surface).arrays["nail"]
+    marks = marks_map(made.texels, completed.log_ratio, completed.confidence, nail)
     if marks.any():
         arrays[MARKS_ARRAYS[side]] = marks
     if made.model.offset_m.any():
@@ -67,15 +65,6 @@ def _person(made: MadePerson, base: Person, beta: np.ndarray) -> Person:
         for value, most in ((numbers.melanin, _MOST_MELANIN), (numbers.blood, _MOST_BLOOD))
     )
     return replace(base, melanin=melanin, blood=blood, beta=shape)
-
-
-def _confidence(made: MadePerson) -> np.ndarray:
-    """Return the confidence [C, C] uint8, the mean over each texel's finer ones."""
-    whole = made.texels.as_map(made.completed.confidence[:, None])[..., 0]
-    share = max(1, made.texels.resolution // _CONFIDENCE_RESOLUTION)
-    size = made.texels.resolution // share
-    means = whole.reshape(size, share, size, share).mean((1, 3))
-    return (255 * means).round().clip(0, 255).astype(np.uint8)
 
 
 def _offset(made: MadePerson, base_offset: np.ndarray) -> np.ndarray:

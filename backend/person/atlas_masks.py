@@ -1,6 +1,7 @@
-"""Marks of one hand alone: tattoos, writing, scars and large moles, which the person's other hand does not have.
+"""What an avatar's atlas says of its texels: how sure they are, and whether they show a mark of one hand alone.
 
-A mark stands out from the skin around it, over more than spots do; nails, which do, too, are not marks.
+Marks are tattoos, writing, scars and large moles, which the person's other hand does not have. A mark stands out from
+the skin around it, over more than spots do; nails, which do, too, are not marks.
 """
 
 from __future__ import annotations
@@ -17,7 +18,14 @@ _LEAST_MM2 = 10.0
 _BORDER_MM, _NAIL_BORDER_MM = 1.2, 2.0
 _LEAST_CONFIDENCE, _INSIDE = 0.25, 0.5
 _ROUNDS = 3  # marks found are no longer what is around
-_RESOLUTION = 512
+_RESOLUTION, _CONFIDENCE_RESOLUTION = 512, 256
+
+
+def confidence_map(texels: AtlasTexels, confidence: np.ndarray) -> np.ndarray:
+    """Return the confidence [T] of texels as a map [C, C] uint8, the mean over each one's finer ones."""
+    whole = texels.as_map(confidence[:, None])
+    means = _reduced(whole, min(_CONFIDENCE_RESOLUTION, len(whole)))[..., 0]
+    return (255 * means).round().clip(0, 255).astype(np.uint8)
 
 
 def marks_map(texels: AtlasTexels, log_ratio: np.ndarray, confidence: np.ndarray, nail: np.ndarray) -> np.ndarray:

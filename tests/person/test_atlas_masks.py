@@ -1,9 +1,12 @@
-"""Marks of one hand: what is long or large and stands out is one; spots, nails, stains and unsure skin are none."""
+"""Confidence, reduced to means; and marks of one hand: what is long or large and stands out.
+
+Spots, nails, stains and unsure skin are none.
+"""
 
 import numpy as np
 import pytest
 import torch
-from livehand.backend.person.marks import marks_map
+from livehand.backend.person.atlas_masks import confidence_map, marks_map
 from livehand.backend.surface.atlas_texels import AtlasTexels
 
 SIZE = 256  # texels of 1.05 mm
@@ -62,3 +65,11 @@ def test_nails_and_unsure_skin_have_none(texels):
     nail[98:104, 58:92] = 100
     assert not found(texels, skin_with(*LINE), nail=nail).any()
     assert not found(texels, skin_with(*LINE), confidence=0.1).any()
+
+
+def test_confidence_is_the_mean_over_finer_texels():
+    corner_uv = torch.tensor([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [[1.0, 1.0], [0.0, 1.0], [1.0, 0.0]]])
+    texels = AtlasTexels.of(corner_uv, torch.tensor([[0, 1, 2], [3, 2, 1]]), 2 * SIZE)
+    every_other = (texels.pixel % 2).astype(np.float32)
+    np.testing.assert_array_equal(confidence_map(texels, every_other), np.full((SIZE, SIZE), 128))
+    np.testing.assert_array_equal(confidence_map(texels, np.ones_like(every_other)), np.full((SIZE, SIZE), 255))
