@@ -26,21 +26,26 @@ def length_and_breadth_m(model: HandModel, beta: np.ndarray) -> np.ndarray:
     return np.array([np.linalg.norm(np.diff(chain, axis=0), axis=1).sum(), np.ptp(across)])
 
 
-def fit_beta(model: HandModel, length_m: float, breadth_m: float) -> np.ndarray:
-    """Fit the shape [10] with these measurements that is nearest to the mean shape (Gauss-Newton).
+def fit_beta(model: HandModel, length_m: float, breadth_m: float, near: np.ndarray | None = None) -> np.ndarray:
+    """Fit the shape [10] with these measurements that is nearest to a shape, or to the mean one (Gauss-Newton).
 
     Raises:
         LiveHandError: the model has no shapes.
     """
     check_has_shapes(model)
-    beta = np.zeros(10)
-    wanted = np.array([length_m, breadth_m])
+    prior = np.zeros(10) if near is None else near
+    beta, wanted = prior, np.array([length_m, breadth_m])
     for _ in range(_STEPS):
-        now = length_and_breadth_m(model, beta)
-        slope = np.stack([length_and_breadth_m(model, beta + step) - now for step in 1e-4 * np.eye(10)], 1) / 1e-4
-        residual = wanted - now + slope @ beta
-        beta = slope.T @ np.linalg.solve(slope @ slope.T + _PRIOR_M**2 * np.eye(2), residual)
+        now, slope = length_and_breadth_m(model, beta), measurement_slopes(model, beta)
+        residual = wanted - now + slope @ (beta - prior)
+        beta = prior + slope.T @ np.linalg.solve(slope @ slope.T + _PRIOR_M**2 * np.eye(2), residual)
     return beta
+
+
+def measurement_slopes(model: HandModel, beta: np.ndarray) -> np.ndarray:
+    """Compute the derivatives [2, 10] m of length and breadth of a shape [10]."""
+    now = length_and_breadth_m(model, beta)
+    return np.stack([length_and_breadth_m(model, beta + step) - now for step in 1e-4 * np.eye(10)], 1) / 1e-4
 
 
 def check_has_shapes(model: HandModel) -> None:

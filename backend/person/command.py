@@ -33,6 +33,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--hand", type=Path, metavar="FILE", help="hand model of a capture's poses, if it is not the built-in one"
     )
     parser.add_argument("--side", choices=SIDES, help="the hand to take (default: the one seen longer)")
+    parser.add_argument(
+        "--length-mm",
+        type=float,
+        metavar="MM",
+        help="of the hand, from the wrist's crease to the tip of the straight middle finger: one camera cannot see it",
+    )
     parser.add_argument("--consent", default="", metavar="TEXT", help="what the person agreed to; kept in the avatar")
     parser.add_argument("--sheet", type=Path, metavar="FILE.png", help="pictures beside the avatar, and what was seen")
     parser.add_argument("--weights", type=Path, metavar="DIR", help="the tracker's folder, if it is not the user's own")
@@ -94,14 +100,19 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
 def _made(
     args: argparse.Namespace, model: HandModel, steps: KeptSteps, log: Callable[[str], None]
 ) -> tuple[MadePerson, PicturedHand]:
+    from .hand_size import check_length, sized
     from .making import MakingOptions, person_of_pictures
     from .person_avatar import shipped_bases
     from .sources import PictureSource, pictured_hand
 
     other = load_hand_model(args.hand) if args.hand else None
     source = PictureSource(args.pictures, args.side, args.weights, other)
+    length_m = None if args.length_mm is None else args.length_mm / 1000
+    if length_m is not None:
+        check_length(length_m)
     hand = pictured_hand(source, model, log, steps)
-    return person_of_pictures(shipped_bases(model), hand, MakingOptions(), log, steps)
+    hand = hand if length_m is None else sized(hand, model, length_m)
+    return person_of_pictures(shipped_bases(model), hand, MakingOptions(length_m=length_m), log, steps)
 
 
 def _inputs(args: argparse.Namespace) -> dict[str, object]:
@@ -109,7 +120,7 @@ def _inputs(args: argparse.Namespace) -> dict[str, object]:
     from .kept_steps import digest_of
 
     files = [path and path.exists() and digest_of(path) for path in (args.pictures, args.hand)]
-    return {"files": files, "name": args.pictures.name, "side": args.side}
+    return {"files": files, "name": args.pictures.name, "side": args.side, "length_mm": args.length_mm}
 
 
 def _figures_line(figures: PersonFigures) -> str:

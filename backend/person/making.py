@@ -48,6 +48,7 @@ class MakingOptions:
         pictures: at most.
         finds_lamps: look for a lamp beside the sky in each scene.
         fits_poses: fit poses and shape again, too.
+        length_m: of the hand, where it was measured (`hand_size.sized`).
     """
 
     resolution: int = 1024
@@ -57,6 +58,7 @@ class MakingOptions:
     pictures: int = 36
     finds_lamps: bool = True
     fits_poses: bool = True
+    length_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -210,7 +212,7 @@ def _early_round(
 ) -> FittedRound:
     made = made_person(base, hand, family, options, log)
     for _ in range(refits):
-        refit = refitted(made.model, hand.pictures, made.lights)
+        refit = refitted(made.model, hand.pictures, made.lights, length_m=options.length_m)
         log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
         hand = replace(hand, pictures=refit.pictures)
     return FittedRound(tuple(picture.pose for picture in hand.pictures), made.completed.numbers.melanin)

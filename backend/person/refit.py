@@ -24,6 +24,7 @@ from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..records.shot import HandPose
 from ..system.thread_limits import thread_limit
 from .flow import bilinear, flow_between, nearest
+from .hand_size import LengthPrior
 from .illumination import Illumination, encoded_colours
 from .model import GeometryMaps, PersonModel
 
@@ -125,6 +126,7 @@ def refitted(
     lights: Mapping[int, Illumination],
     fits_shape: bool = True,
     on_picture: Callable[[], None] = lambda: None,
+    length_m: float | None = None,
 ) -> Refit:
     """Fit the poses of all pictures and one shape once, from where they are.
 
@@ -134,13 +136,14 @@ def refitted(
         lights: by scene.
         fits_shape: move the shape, too.
         on_picture: called after each one's flow.
+        length_m: of the hand (`hand_size.sized`); None: not known.
     """
     targets = []
     for picture in pictures:
         targets.append(pose_targets(model, picture, lights[picture.scene]))
         on_picture()
     with thread_limit(1):  # operations are small: threads would only wait for each other
-        poses = _fitted(model, pictures, targets, fits_shape)
+        poses = _fitted(model, pictures, targets, fits_shape, length_m)
     moved = tuple(replace(picture, pose=pose) for picture, pose in zip(pictures, poses, strict=True))
     flow_px, overlap = (float(np.mean([getattr(each, name) for each in targets])) for name in ("flow_px", "overlap"))
     return Refit(moved, flow_px, overlap)
@@ -200,7 +203,11 @@ class _Cameras(NamedTuple):
 
 
 def _fitted(
-    model: PersonModel, pictures: Sequence[HandPicture], targets: Sequence[PoseTargets], fits_shape: bool
+    model: PersonModel,
+    pictures: Sequence[HandPicture],
+    targets: Sequence[PoseTargets],
+    fits_shape: bool,
+    length_m: float | None,
 ) -> list[HandPose]:
     skin, cameras = SkinTensors.of(model.hand.for_side("right")), _Cameras.of([one.camera for one in pictures])
     first, pose_of = _poses_of(pictures)
@@ -209,6 +216,7 @@ def _fitted(
         for name in ("theta", "transl", "forearm")
     ]
     first_beta = torch.as_tensor(pictures[0].pose.beta, dtype=torch.float32)
+    length = None if length_m is None else LengthPrior.of(model.hand, pictures[0].pose.beta, length_m)
     theta, transl, forearm = (values.clone().requires_grad_(True) for values in start)
     beta = first_beta.clone().requires_grad_(fits_shape)
     shapes_beta = torch.tensor([not one.is_held_out for one in pictures])[:, None]
@@ -229,6 +237,7 @@ def _fitted(
         loss = data.mean() + _OUTLINE_WEIGHT * outlines.loss(px)
         loss = loss + _THETA_WEIGHT * ((theta - start[0])[:, 1:] ** 2).sum((1, 2)).mean()
         loss = loss + _BETA_WEIGHT * ((beta - first_beta) ** 2).sum()
+        loss = loss if length is None else loss + length.loss(beta)
         loss = loss + 0.5 * (((transl - start[1]) / _TRANSL_M) ** 2).sum(1).mean()
         loss = loss + 0.5 * (((forearm - start[2]) / _FOREARM_RAD) ** 2).sum(1).mean()
         optimiser.zero_grad()

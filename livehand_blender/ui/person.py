@@ -6,7 +6,7 @@ from itertools import chain, count
 from pathlib import Path
 
 import bpy
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import EnumProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...backend.person.command import start_person
@@ -42,6 +42,15 @@ class LIVEHAND_OT_person_from_pictures(NeedsTracker, RunsJob, bpy.types.Operator
     person_name: StringProperty(name="Name", description="Of the person; the avatar's file is named by it")
     consent: StringProperty(name="Consent", description="What the person agreed to; kept in the avatar")
     side: EnumProperty(name="Hand", items=_SIDES)
+    length_mm: FloatProperty(
+        name="Hand Length",
+        description="From the wrist's crease to the tip of the straight middle finger, which one camera cannot see. 0 "
+        "is not measured",
+        subtype="DISTANCE_CAMERA",
+        default=0.0,
+        min=0.0,
+        soft_max=250.0,
+    )
 
     @classmethod
     def poll(cls, context):
@@ -59,6 +68,7 @@ class LIVEHAND_OT_person_from_pictures(NeedsTracker, RunsJob, bpy.types.Operator
         arguments = [str(source), "-o", str(self._output), "--name", self.person_name or source.stem]
         arguments += ["--consent", self.consent] if self.consent else []
         arguments += ["--side", self.side] if self.side != "AUTO" else []
+        arguments += ["--length-mm", f"{self.length_mm:.3f}"] if self.length_mm > 0 else []
         return start_person([*arguments, "--sheet", str(self._output.with_suffix(".png"))])
 
     def cancel(self, context):

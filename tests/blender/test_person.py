@@ -52,12 +52,13 @@ def make(**settings):
 
 def test_the_active_hand_wears_the_new_avatar(ends_with, tmp_path):
     ends_with({"seen": 0.7, "notes": []})
-    assert make(filepath="//film.mp4", person_name="Anna", consent="yes", side="left") == {"FINISHED"}
+    assert make(filepath="//film.mp4", person_name="Anna", consent="yes", side="left", length_mm=188.0) == {"FINISHED"}
     assert hand_source(active_hand(bpy.context)).avatar_path == tmp_path / "Anna.safetensors"
     arguments = FakeJob.started
     assert Path(arguments[0]).name == "film.mp4"
     assert arguments[arguments.index("--side") + 1] == "left"
     assert arguments[arguments.index("--consent") + 1] == "yes"
+    assert float(arguments[arguments.index("--length-mm") + 1]) == 188
 
 
 def test_a_name_that_is_taken_gets_a_number(ends_with, tmp_path):
