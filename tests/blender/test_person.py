@@ -52,7 +52,7 @@ def make(**settings):
 
 def test_the_active_hand_wears_the_new_avatar(ends_with, tmp_path):
     ends_with({"seen": 0.7, "notes": []})
-    assert make(filepath="//film.mp4", person_name="Anna", consent="yes", side="left", length_mm=188.0) == {"FINISHED"}
+    assert make(filepath="/film.mp4", person_name="Anna", consent="yes", side="left", length_mm=188.0) == {"FINISHED"}
     assert hand_source(active_hand(bpy.context)).avatar_path == tmp_path / "Anna.safetensors"
     arguments = FakeJob.started
     assert Path(arguments[0]).name == "film.mp4"
