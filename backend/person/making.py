@@ -176,12 +176,17 @@ class Bases:
     def of(cls, models: Iterable[PersonModel]) -> Bases:
         """Sort the models of a light and a deep skin, and of any between."""
         by_melanin = {_melanin(model): model for model in models}
-        light, deep = (family_at_base(by_melanin[melanin]) for melanin in (min(by_melanin), max(by_melanin)))
-        return cls(by_melanin, ToneFamily(light, deep))
+        any_model = _nearest(by_melanin, _FIRST_MELANIN)  # all have one mesh; it is made for those in use
+        lightest, deepest = (by_melanin[melanin] for melanin in (min(by_melanin), max(by_melanin)))
+        return cls(by_melanin, ToneFamily(*(_log_albedo(any_model, one.base_albedo) for one in (lightest, deepest))))
 
     def nearest(self, melanin: float) -> PersonModel:
         """Choose the model whose skin is nearest."""
-        return self.models[min(self.models, key=lambda one: abs(one - melanin))]
+        return _nearest(self.models, melanin)
+
+
+def _nearest(models: Mapping[float, PersonModel], melanin: float) -> PersonModel:
+    return models[min(models, key=lambda one: abs(one - melanin))]
 
 
 def person_of_pictures(
@@ -235,7 +240,11 @@ def _melanin(model: PersonModel) -> float:
 
 def family_at_base(model: PersonModel) -> np.ndarray:
     """Return the logarithm [N, 3] of a base's albedo at the vertices of its surface."""
-    return np.log(model.at_detail(model.base_albedo).clip(_LEAST_ALBEDO))
+    return _log_albedo(model, model.base_albedo)
+
+
+def _log_albedo(model: PersonModel, albedo: np.ndarray) -> np.ndarray:
+    return np.log(model.at_detail(albedo).clip(_LEAST_ALBEDO))
 
 
 _LEAST_ALBEDO = 0.003

@@ -75,7 +75,7 @@ class PersonModel:
             LiveHandError: the base is not relightable, or has no surface.
         """
         base = Renderer(avatar, hand, "cpu").pipeline
-        if not isinstance(base, RelightablePipeline) or base.surface is None:
+        if not isinstance(base, RelightablePipeline) or avatar.surface is None:
             raise LiveHandError(
                 f"the base must be a relightable avatar with a surface, got '{avatar.name}'; use one that ships"
             )
