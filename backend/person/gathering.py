@@ -155,15 +155,19 @@ def _sighting(
     if with_flow:
         tinted = rendered * light.tint.astype(np.float32)
         flow_px, error_px = _flow(encoded_colours(picture, tinted), frame.alpha, encoded, picture.labels)
-    moved = place.px + bilinear(flow_px, place.px)
+    visible = np.flatnonzero(place.weight)
+    px = place.px[visible]
+    moved = px + bilinear(flow_px, px)
     usable, is_clipped = _usable(encoded, picture.labels)
-    weight = place.weight * (bilinear(usable, moved) > 0.95)
-    weight = weight * np.exp(-(bilinear(error_px, place.px) ** 2) / (2 * _FLOW_ERROR_PX**2))
-    weight = weight * _sharpness(encoded, seen.is_seen)
-    log_ratio = np.log((bilinear(shown, moved) + _NOISE) / (bilinear(rendered, place.px) + _NOISE))
+    weight, is_bound = np.zeros_like(place.weight), np.zeros(len(place.weight), bool)
+    log_ratio = np.zeros((len(weight), 3), np.float32)
+    weight[visible] = place.weight[visible] * (bilinear(usable, moved) > 0.95)
+    weight[visible] *= np.exp(-(bilinear(error_px, px) ** 2) / (2 * _FLOW_ERROR_PX**2))
+    weight *= _sharpness(encoded, seen.is_seen)
+    log_ratio[visible] = np.log((bilinear(shown, moved) + _NOISE) / (bilinear(rendered, px) + _NOISE))
     length = float(np.linalg.norm(flow_px[seen.is_seen], axis=1).mean()) if seen.is_seen.any() else 0.0
-    is_bound = bilinear(is_clipped, moved) > 0.05
-    return _Sighting(weight.astype(np.float32), log_ratio, is_bound, length)
+    is_bound[visible] = bilinear(is_clipped, moved) > 0.05
+    return _Sighting(weight, log_ratio, is_bound, length)
 
 
 class _ProjectedTexels(NamedTuple):

@@ -29,7 +29,6 @@ from .model import PersonModel
 from .numbers import PixelTones, ToneFamily, fitted_melanin
 from .refit import refitted
 
-_LIGHT_PICTURES = 8
 _REPORTED = 1e-3
 _LEAST_PIXELS, _LEAST_SEEN = 200, 0.05
 
@@ -46,6 +45,7 @@ class MakingOptions:
         with_flow: as in `gathered_ratio`, from the second round on: in the first the texture is not the person's.
         kept_low: as in `completed_ratio`.
         pictures: at most.
+        light_pictures: of them, in which a scene's light is looked for.
         finds_lamps: look for a lamp beside the sky in each scene.
         fits_poses: fit poses and shape again, too.
         length_m: of the hand, where it was measured (`hand_size.sized`).
@@ -56,6 +56,7 @@ class MakingOptions:
     with_flow: bool = True
     kept_low: float = 0.75
     pictures: int = 36
+    light_pictures: int = 8
     finds_lamps: bool = True
     fits_poses: bool = True
     length_m: float | None = None
@@ -93,7 +94,7 @@ def made_person(
     """Make a person from pictures whose poses are known well enough for flow to correct the rest."""
     texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, options.resolution)
     pictures = _chosen([picture for picture in hand.pictures if not picture.is_held_out], options.pictures)
-    pixels, base_log_albedo = _pixels_of_scenes(base, pictures, log), family_at_base(base)
+    pixels, base_log_albedo = _pixels_of_scenes(base, pictures, options.light_pictures, log), family_at_base(base)
     skin = _AtlasTone.of_family(texels, family, base_log_albedo)
     made = None
     for round_index in range(options.rounds):
@@ -202,7 +203,7 @@ def person_of_pictures(
     """
     if hand.is_calibrated:
         options = replace(options, with_flow=False, fits_poses=False)
-    early = replace(options, resolution=_EARLY_RESOLUTION, rounds=1, pictures=_EARLY_PICTURES, finds_lamps=False)
+    early = replace(options, rounds=1, finds_lamps=False, **_EARLY)
     melanin = _FIRST_MELANIN
     for index, refits in enumerate(_EARLY_REFITS if options.fits_poses else (0,)):
         base = shaped(bases.nearest(melanin), hand)
@@ -223,7 +224,8 @@ def _early_round(
     return FittedRound(tuple(picture.pose for picture in hand.pictures), made.completed.numbers.melanin)
 
 
-_EARLY_RESOLUTION, _EARLY_PICTURES, _EARLY_REFITS = 512, 16, (2, 2)
+_EARLY = {"resolution": 512, "pictures": 16, "light_pictures": 4}
+_EARLY_REFITS = 2, 3
 _FIRST_MELANIN = 0.4
 
 
@@ -255,10 +257,10 @@ def _chosen(pictures: list[HandPicture], most: int) -> list[HandPicture]:
     return [pictures[index] for index in indices]
 
 
-def _pixels_of_scenes(base: PersonModel, pictures: list[HandPicture], log: Log) -> dict[int, LitPixels]:
+def _pixels_of_scenes(base: PersonModel, pictures: list[HandPicture], most: int, log: Log) -> dict[int, LitPixels]:
     pixels = {}
     for scene in sorted({picture.scene for picture in pictures}):
-        of_scene = _chosen([picture for picture in pictures if picture.scene == scene], _LIGHT_PICTURES)
+        of_scene = _chosen([picture for picture in pictures if picture.scene == scene], most)
         pixels[scene] = lit_pixels(base, of_scene)
         if len(pixels[scene].shown) < _LEAST_PIXELS:
             names = ", ".join(picture.name for picture in of_scene)
