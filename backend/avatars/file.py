@@ -31,8 +31,7 @@ from .avatar import Avatar, AvatarConfig, build_field
 from .captured_surface import surface_of_provenance
 from .library import shipped_avatar_path
 from .metadata import HEADER_KEY, THUMBNAIL_KEY
-from .surface_tensors import read_surface_tensors, surface_tensors
-from .weights import stored_weights, whole_weights
+from .tensors import read_surface_tensors, stored_weights, surface_tensors, whole_weights
 
 VERSION = 3
 """Of the files that are written; those of versions 1 and 2 are read, too."""

@@ -18,7 +18,7 @@ from ..hand.gestures import theta_of
 from ..hand.joint_axes import finger_axes
 from ..hand.model import UPRIGHT, HandModel
 from ..hand.model_file import load_default_hand
-from ..hand.pose_samples import sample_poses_deg
+from ..hand.poses import sample_poses_deg
 from ..records.camera import Camera, look_at
 from ..records.shot import HandPose
 from .capture import Capture, CaptureView, Split

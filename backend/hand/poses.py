@@ -1,4 +1,4 @@
-"""The pose library: named hand poses as joint angles, for Blender's pose assets.
+"""The pose library: named hand poses as joint angles, for Blender's pose assets; and random mixes for captures.
 
 Angles are those of `gestures`: degrees from the built-in hand's rest pose, in which a finger is bent by about 11 (MCP),
 12 (PIP) and 7 (DIP). Grasps are named and numbered after Feix, Romero, Schmiedmayer, Dollar and Kragic 2016, "The GRASP
@@ -10,7 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from .gestures import GESTURES, Degrees, Gesture
+import numpy as np
+
+from .gestures import GESTURES, Degrees, Gesture, sample_angles_deg
 
 View = Literal["palm", "thumb"]
 _FINGERS = ("index", "middle", "ring", "pinky")
@@ -133,3 +135,17 @@ POSES: dict[str, LibraryPose] = {
         (28, 48, 38), (36, 40, 20), (34, 40, 20), (32, 38, 18), (-4, 0, 0, 0), (19, -7, 0, 5, 18)),
 }
 # fmt: on
+
+
+LIBRARY_SHARE = 0.4
+"""Of the poses that are the library's: fists, pinches and grasps, which mixes of gestures hardly reach."""
+_NOISE_DEG = np.array([3.0, 1.5, 1.0])  # of flexion, abduction and twist
+
+
+def sample_poses_deg(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Draw [count, 15, 3] joint angles, degrees from the built-in hand's rest pose; parts may cross a little."""
+    library = [pose.gesture.angles_deg() for pose in POSES.values()]
+    angles = sample_angles_deg(rng, count)
+    for k in np.flatnonzero(rng.random(count) < LIBRARY_SHARE):
+        angles[k] = library[rng.integers(len(library))] + rng.normal(size=(15, 3)) * _NOISE_DEG
+    return angles

@@ -17,6 +17,7 @@ from scipy.spatial import ConvexHull
 from ..capture.masks.mask import load_opencv
 from ..capture.picture import linear_to_srgb, srgb_to_linear
 from ..records.camera import Camera
+from ..records.errors import LiveHandError
 from ..records.hand_picture import HAND, HandPicture
 from ..records.light import Lamp, Light, Sky, sky_directions
 from .model import PersonModel
@@ -26,6 +27,7 @@ _SHARPNESS = 6  # exponent of the cosine of a lobe
 _LEAST_RADIANCE = 1e-6
 _LEAST_FACING, _BRIGHTEST, _ERODED_PX = 0.4, 0.97, 5
 _LONGEST_PX = 300  # of a picture in which light is looked for
+PICTURES_OF_SCENE, _LEAST_PIXELS = 8, 200
 _MOST_PIXELS = 6000  # of one picture
 _OUTLIER = 0.15  # relative error at which a pixel counts half
 _DARK, _LEAST_SHOWN = 0.05, 1e-3  # linear
@@ -202,6 +204,34 @@ def lit_pixels(
     diffuse, specular = _lit(model, parts, sources, on_picture)
     shown, uv = (np.concatenate([getattr(part, name) for part in parts]) for name in ("shown", "uv"))
     return LitPixels(sources, diffuse, specular, shown, uv, parts)
+
+
+def pixels_of_scenes(
+    model: PersonModel, pictures: Sequence[HandPicture], most: int = PICTURES_OF_SCENE
+) -> dict[int, LitPixels]:
+    """Render some pictures of every scene in the light of every lobe: of those that are not held out, if there are any.
+
+    Raises:
+        LiveHandError: pictures of a scene show hardly any skin.
+    """
+    pixels = {}
+    for scene in sorted({picture.scene for picture in pictures}):
+        of_scene = [picture for picture in pictures if picture.scene == scene]
+        chosen = evenly_chosen([one for one in of_scene if not one.is_held_out] or of_scene, most)
+        pixels[scene] = lit_pixels(model, chosen)
+        if len(pixels[scene].shown) < _LEAST_PIXELS:
+            names = ", ".join(picture.name for picture in chosen)
+            raise LiveHandError(
+                f"{names} must show the hand free and not clipped, got {len(pixels[scene].shown)} pixels of sure skin; "
+                "leave these pictures out, or film in softer light"
+            )
+    return pixels
+
+
+def evenly_chosen(pictures: Sequence[HandPicture], most: int) -> list[HandPicture]:
+    """Choose at most so many pictures, from the first to the last."""
+    indices = np.linspace(0, len(pictures) - 1, min(most, len(pictures))).round().astype(int)
+    return [pictures[index] for index in indices]
 
 
 def _lit(

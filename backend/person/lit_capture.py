@@ -23,14 +23,13 @@ from ..records.hand_picture import BACKGROUND, HAND, HandPicture
 from ..surface.surface_file import surface_sha256, write_surface
 from ..system.files import replacing
 from .captured_pictures import pictures_of_capture
-from .illumination import Illumination, fitted_light, linear_colours, lit_pixels
+from .illumination import Illumination, fitted_light, linear_colours, pixels_of_scenes
 from .lamp_search import with_lamp
 from .model import PersonModel
 from .numbers import PixelTones
 from .refit import refitted
 
-_MOST_PICTURES, _LIGHT_PICTURES, _REFITS = 120, 8, 2
-_LEAST_PIXELS = 200
+_MOST_PICTURES, _REFITS = 120, 2
 _SURFACE = "surface/person.npz"
 
 
@@ -62,35 +61,24 @@ def write_lit_capture(
     pictures = [replace(one, pose=replace(one.pose, beta=beta)) for one in hand.pictures]
     known = PersonModel.of(person, model)
     for _ in range(_REFITS):
-        refit = refitted(known, pictures, scene_lights(known, pictures), fits_shape=False)
+        refit = refitted(known, pictures, _scene_lights(known, pictures, finds_lamps=False), fits_shape=False)
         log(f"poses: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
         pictures = list(refit.pictures)
-    lights = scene_lights(known, pictures)
+    lights = _scene_lights(known, pictures)
     write_surface(output / _SURFACE, person.surface)
     surface = SurfaceReference(_SURFACE, surface_sha256(person.surface))
     facts = {"made_by": "livehand train --person", "source": hand.source, "is_mirrored": hand.side == "left"}
     return _written(pictures, lights, Capture(output, model.sha256, facts, (), (), surface=surface))
 
 
-def scene_lights(person: PersonModel, pictures: Sequence[HandPicture]) -> dict[int, Illumination]:
-    """Fit the light of every scene, and its colour: the person's albedo is known.
-
-    Raises:
-        LiveHandError: pictures of a scene show hardly any skin.
-    """
+def _scene_lights(
+    person: PersonModel, pictures: Sequence[HandPicture], finds_lamps: bool = True
+) -> dict[int, Illumination]:
+    """Fit the light of every scene, and its colour: the person's albedo is known."""
     lights = {}
-    for scene in sorted({picture.scene for picture in pictures}):
-        trained = [one for one in pictures if one.scene == scene and not one.is_held_out]
-        of_scene = trained or [one for one in pictures if one.scene == scene]
-        spread = np.linspace(0, len(of_scene) - 1, min(len(of_scene), _LIGHT_PICTURES)).round().astype(int)
-        pixels = lit_pixels(person, [of_scene[index] for index in spread])
-        if len(pixels.shown) < _LEAST_PIXELS:
-            raise LiveHandError(
-                f"{of_scene[0].name} and pictures in its light must show the hand free and not clipped, got "
-                f"{len(pixels.shown)} pixels of sure skin; leave them out"
-            )
+    for scene, pixels in pixels_of_scenes(person, pictures).items():
         known = PixelTones(pixels, np.zeros_like(pixels.shown), np.zeros_like(pixels.shown))
-        lit = with_lamp(person, known, 0.0).pixels
+        lit = with_lamp(person, known, 0.0).pixels if finds_lamps else pixels
         lights[scene] = Illumination.of(fitted_light(lit, np.ones_like(lit.shown)), lit.sources)
     return lights
 

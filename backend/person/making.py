@@ -17,12 +17,12 @@ import numpy as np
 import torch
 
 from ..records.errors import LiveHandError
-from ..records.hand_picture import HandPicture, PicturedHand
+from ..records.hand_picture import PicturedHand
 from ..surface.albedo_ratio import ratio_steps
 from ..surface.atlas_texels import AtlasTexels
 from .completion import CompletedRatio, completed_ratio
 from .gathering import GatheredRatio, gathered_ratio
-from .illumination import Illumination, LitPixels, fitted_light, lit_pixels
+from .illumination import PICTURES_OF_SCENE, Illumination, LitPixels, evenly_chosen, fitted_light, pixels_of_scenes
 from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lamp_search import with_lamp
 from .model import PersonModel
@@ -30,7 +30,7 @@ from .numbers import PixelTones, ToneFamily, fitted_melanin
 from .refit import refitted
 
 _REPORTED = 1e-3
-_LEAST_PIXELS, _LEAST_SEEN = 200, 0.05
+_LEAST_SEEN = 0.05
 
 Log = Callable[[str], None]
 
@@ -56,7 +56,7 @@ class MakingOptions:
     with_flow: bool = True
     kept_low: float = 0.75
     pictures: int = 36
-    light_pictures: int = 8
+    light_pictures: int = PICTURES_OF_SCENE
     finds_lamps: bool = True
     fits_poses: bool = True
     length_m: float | None = None
@@ -93,8 +93,10 @@ def made_person(
 ) -> MadePerson:
     """Make a person from pictures whose poses are known well enough for flow to correct the rest."""
     texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, options.resolution)
-    pictures = _chosen([picture for picture in hand.pictures if not picture.is_held_out], options.pictures)
-    pixels, base_log_albedo = _pixels_of_scenes(base, pictures, options.light_pictures, log), family_at_base(base)
+    pictures = evenly_chosen([picture for picture in hand.pictures if not picture.is_held_out], options.pictures)
+    pixels, base_log_albedo = pixels_of_scenes(base, pictures, options.light_pictures), family_at_base(base)
+    for scene, of_scene in pixels.items():
+        log(f"light of scene {scene}: {len(of_scene.shown)} pixels of {len(of_scene.parts)} pictures")
     skin = _AtlasTone.of_family(texels, family, base_log_albedo)
     made = None
     for round_index in range(options.rounds):
@@ -250,26 +252,6 @@ def _log_albedo(model: PersonModel, albedo: np.ndarray) -> np.ndarray:
 
 
 _LEAST_ALBEDO = 0.003
-
-
-def _chosen(pictures: list[HandPicture], most: int) -> list[HandPicture]:
-    indices = np.linspace(0, len(pictures) - 1, min(most, len(pictures))).round().astype(int)
-    return [pictures[index] for index in indices]
-
-
-def _pixels_of_scenes(base: PersonModel, pictures: list[HandPicture], most: int, log: Log) -> dict[int, LitPixels]:
-    pixels = {}
-    for scene in sorted({picture.scene for picture in pictures}):
-        of_scene = _chosen([picture for picture in pictures if picture.scene == scene], most)
-        pixels[scene] = lit_pixels(base, of_scene)
-        if len(pixels[scene].shown) < _LEAST_PIXELS:
-            names = ", ".join(picture.name for picture in of_scene)
-            raise LiveHandError(
-                f"{names} must show the hand free and not clipped, got {len(pixels[scene].shown)} pixels of sure skin; "
-                "leave these pictures out, or film in softer light"
-            )
-        log(f"light of scene {scene}: {len(pixels[scene].shown)} pixels of {len(of_scene)} pictures")
-    return pixels
 
 
 def _check_seen(gathered: GatheredRatio) -> None:

@@ -27,11 +27,11 @@ from .flow import bilinear, flow_between, nearest
 from .hand_size import LengthPrior
 from .illumination import Illumination, encoded_colours
 from .model import GeometryMaps, PersonModel
+from .rig.outlines import Outline, outline_of
 
 _ALONG_PX = 2.0  # of the outline: vertices so near to it belong to it
 _FARTHEST_PX = 30.0
 _LEAST_AGREEMENT = 0.5  # cosine of both edges' directions
-_BLUR_PX = 2.0
 _BESIDE_UNKNOWN_PX = 9
 
 
@@ -51,37 +51,25 @@ def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndar
         labels: [H, W] of the picture.
         vertices_px: [V, 2] the mesh's, projected.
     """
-    ours, theirs = _edge(seen.is_seen, None), _edge(labels == HAND, labels == UNKNOWN)
+    ours, theirs = outline_of(seen.is_seen), _mask_outline(labels)
     nothing = OutlineTargets(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2)))
     if not len(ours.px) or not len(theirs.px):
         return nothing
-    distance, at = (np.asarray(found) for found in KDTree(ours.px).query(vertices_px))
+    distance, at = (np.asarray(found) for found in KDTree(ours.rim_px).query(vertices_px))
     vertex = np.flatnonzero(distance < _ALONG_PX)
-    off, matched = (np.asarray(found) for found in KDTree(theirs.px).query(vertices_px[vertex]))
+    off, matched = (np.asarray(found) for found in KDTree(theirs.rim_px).query(vertices_px[vertex]))
     agrees = (ours.normal[at[vertex]] * theirs.normal[matched]).sum(1) > _LEAST_AGREEMENT
     kept = agrees & (off < _FARTHEST_PX)
-    return OutlineTargets(vertex[kept], theirs.px[matched[kept]], theirs.normal[matched[kept]])
+    return OutlineTargets(vertex[kept], theirs.rim_px[matched[kept]], theirs.normal[matched[kept]])
 
 
-class _Edge(NamedTuple):
-    px: np.ndarray
-    normal: np.ndarray
-
-
-def _edge(mask: np.ndarray, unknown: np.ndarray | None) -> _Edge:
-    """Find the points of a mask's edge and its normals there, away from the picture's rim and from what is unknown."""
-    cv2 = load_opencv()
-    soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), _BLUR_PX)
-    inside = mask.astype(np.uint8)
-    is_edge = (inside > 0) & (cv2.erode(inside, np.ones((3, 3)), borderValue=1) == 0)
-    is_edge[[0, -1]] = is_edge[:, [0, -1]] = False
-    if unknown is not None and unknown.any():
-        around = np.ones((_BESIDE_UNKNOWN_PX, _BESIDE_UNKNOWN_PX))
-        is_edge &= cv2.dilate(unknown.astype(np.uint8), around) == 0
-    row, column = is_edge.nonzero()
-    slope = np.stack([cv2.Sobel(soft, cv2.CV_32F, 1, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 1)], -1)[row, column]
-    normal = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-9)
-    return _Edge(np.stack([column, row], 1) + 0.5 - 0.5 * normal, normal)
+def _mask_outline(labels: np.ndarray) -> Outline:
+    """Find the outline of a mask, away from what is unknown."""
+    unknown = (labels == UNKNOWN).astype(np.uint8)
+    near_unknown = load_opencv().dilate(unknown, np.ones((_BESIDE_UNKNOWN_PX, _BESIDE_UNKNOWN_PX))) > 0
+    outline = outline_of(labels == HAND)
+    is_sure = ~near_unknown[outline.row, outline.column]
+    return Outline(*(part[is_sure] for part in outline))
 
 
 _MASK_SHARE = 0.2  # of grey that tells hand from backdrop in the flow

@@ -6,7 +6,7 @@ They are frozen dataclasses of numpy arrays: no bpy object and no torch tensor c
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -108,3 +108,15 @@ class Shot:
     def with_camera(self, camera: Camera) -> Shot:
         """Show the same hand from another view."""
         return replace(self, camera=camera)
+
+
+class SurfaceMesh(NamedTuple):
+    """The skin's own surface in a pose, finer than the hand's mesh.
+
+    Attributes:
+        vertices: [N, 3] m, world.
+        faces: [M, 3] into these, counter-clockwise seen from outside.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray

@@ -22,8 +22,7 @@ from ..hand.posed_bones import bone_frames, check_on_pose
 from ..image.decode import decode_frame
 from ..image.maps import depth_profile, image_of
 from ..records.frame import Frame, empty_frame
-from ..records.shot import Shot
-from ..records.surface_mesh import SurfaceMesh
+from ..records.shot import Shot, SurfaceMesh
 from .pipeline import Pipeline, PosedShot
 from .progress import RenderProgress
 

@@ -12,8 +12,7 @@ import numpy as np
 from ..hand.model import HandModel
 from ..image.grade import Grade
 from ..records.frame import Frame
-from ..records.shot import Shot
-from ..records.surface_mesh import SurfaceMesh
+from ..records.shot import Shot, SurfaceMesh
 
 ExposureFrames = tuple[Frame, ...]
 """What one exposure sample shows: a frame per hand, each as if alone."""

@@ -52,8 +52,7 @@ from ..light.lighting import LightFeatures
 from ..light.samples import LightSamples
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light, Sky
-from ..records.shot import Shot
-from ..records.surface_mesh import SurfaceMesh
+from ..records.shot import Shot, SurfaceMesh
 from ..surface.hairs import visible_hairs, with_hairs
 from ..surface.hole_filling import add_missing_rays, inpaint
 from .albedo import vertex_albedo

@@ -22,8 +22,7 @@ from ..hand.model import HandModel
 from ..records.errors import LiveHandError
 from ..records.frame import Frame
 from ..records.render_hooks import OnStage
-from ..records.shot import Shot
-from ..records.surface_mesh import SurfaceMesh
+from ..records.shot import Shot, SurfaceMesh
 from .backends import choose_backend
 from .baked import BakedPipeline
 from .device import rendering_device

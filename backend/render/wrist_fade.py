@@ -11,9 +11,8 @@ from ..hand.model import HandModel
 from ..records.depth_profile import DepthProfile
 from ..records.frame import DEPTH_BACKGROUND, Frame
 from ..records.shot import Shot
-from .arm_end import distance_from_end_m, opaque_share
 from .composition import profile_of
-from .surface_maps import vertex_map
+from .surface_maps import distance_from_end_m, opaque_share, vertex_map
 
 _SOLID_ALPHA = 0.5
 # Around the end's mesh; the surface lies at most 3 mm above it, and an arm is 5 cm wide.

@@ -23,8 +23,7 @@ import numpy as np
 from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
 from ...backend.records.light import MeasuredLight
-from ...backend.records.shot import Shot
-from ...backend.records.surface_mesh import SurfaceMesh
+from ...backend.records.shot import Shot, SurfaceMesh
 from ...backend.render.frame_task import FrameTask
 from ..hands.proxy import SCENE_RAYS, hide_from_scene, show_alone, use_albedo
 from ..light.light_linking import LinkRule

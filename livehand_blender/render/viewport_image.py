@@ -71,7 +71,7 @@ class ViewportRequest:
         if not frames:
             return None
         graded_frames = [graded(frame, hand.grade) for frame, hand in zip(frames, self.hands, strict=True)]
-        from ...backend.image.scene_depth import scene_depth  # torch, which a renderer has imported already
+        from ...backend.render.surface_maps import scene_depth  # torch, which a renderer has imported already
 
         triangles = foreground_triangles(self.foreground, camera, [hand.vertices for hand in self.hands])
         depth = scene_depth(triangles, camera) if len(triangles) else None

@@ -13,7 +13,7 @@ from livehand.backend.avatars import file as avatar_module
 from livehand.backend.avatars.avatar import PRESETS, Avatar, AvatarConfig, new_avatar
 from livehand.backend.avatars.file import VERSION, load_avatar, read_header, save_avatar
 from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path, shipped_skin
-from livehand.backend.avatars.weights import stored_weights, whole_weights
+from livehand.backend.avatars.tensors import stored_weights, whole_weights
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.hand.model_file import builtin_sha256

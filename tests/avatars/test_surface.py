@@ -12,7 +12,7 @@ from livehand.backend.avatars.captured_surface import surface_of_capture, surfac
 from livehand.backend.avatars.file import load_avatar, read_header, read_surface_of, save_avatar
 from livehand.backend.avatars.library import SKINS, shipped_avatar_path
 from livehand.backend.avatars.metadata import HEADER_KEY, read_metadata
-from livehand.backend.avatars.surface_tensors import PREFIX
+from livehand.backend.avatars.tensors import PREFIX
 from livehand.backend.capture.capture import Capture, SurfaceReference, load_capture, save_capture_index
 from livehand.backend.capture.person import PERSONS, Person
 from livehand.backend.field.field import FieldConfig

@@ -4,9 +4,9 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.image.scene_depth import scene_depth
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.frame import DEPTH_BACKGROUND
+from livehand.backend.render.surface_maps import scene_depth
 from livehand.livehand_blender.hands.shot import hand_vertices
 from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.light.foreground import Foreground, clipped, foreground_triangles

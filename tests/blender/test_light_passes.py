@@ -6,7 +6,7 @@ import pytest
 import torch
 from livehand.backend.geometry.mesh import vertex_normals
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.records.surface_mesh import SurfaceMesh
+from livehand.backend.records.shot import SurfaceMesh
 from livehand.livehand_blender.hands.proxy import use_albedo
 from livehand.livehand_blender.render.light_passes import binning, measured_light, samples_of
 from livehand.livehand_blender.rig.build import add_hand

@@ -14,7 +14,7 @@ MANUALS = sorted(page for page in DOCS.rglob("*.md") if page.relative_to(DOCS).p
 PAGES = sorted([*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")), *DOCS.rglob("*.md")])
 # A changelog names files as they were.
 CURRENT = [page for page in PAGES if page.name != "CHANGELOG.md"]
-MOST_WORDS, MOST_WORDS_TO_USE, MOST_WORDS_IN_ALL = 1500, 1200, 29_000
+MOST_WORDS, MOST_WORDS_TO_USE, MOST_WORDS_IN_ALL = 1500, 1200, 28_000
 
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 DOCS_PAGE = re.compile(r"\bdocs/[\w/-]+\.(?:md|png|webp|jpg)\b")

@@ -52,7 +52,7 @@ from livehand.backend.surface.surface_file import read_surface, write_surface
 from livehand.backend.system.command import parse_size_px
 from livehand.backend.system.readers import read_json
 from livehand.backend.tracking import sighted_take, video
-from livehand.backend.tracking.film_clock import FilmClock
+from livehand.backend.tracking.video import FilmClock
 from livehand.backend.training.checkpoint import Progress, TrainState, load_checkpoint, save_checkpoint
 from livehand.livehand_blender.render.command import parse_formats
 from mutation import changed_array, mutated_bytes, mutated_json, mutated_npz

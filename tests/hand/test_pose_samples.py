@@ -5,8 +5,7 @@ import pytest
 from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.penetration import HandParts, relieved_angles
-from livehand.backend.hand.pose_samples import LIBRARY_SHARE, sample_poses_deg
-from livehand.backend.hand.poses import POSES
+from livehand.backend.hand.poses import LIBRARY_SHARE, POSES, sample_poses_deg
 from livehand.backend.records.shot import HandPose
 
 

@@ -11,13 +11,12 @@ from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.image.scene_depth import scene_depth
 from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.light import Lamp, Light, Sky
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.renderer import Renderer
-from livehand.backend.render.surface_maps import surface_maps
+from livehand.backend.render.surface_maps import scene_depth, surface_maps
 from livehand.backend.surface.base_surface import surface_of_person
 
 pytestmark = pytest.mark.slow

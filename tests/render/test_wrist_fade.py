@@ -11,10 +11,9 @@ from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.frame import DEPTH_BACKGROUND, Frame
 from livehand.backend.records.shot import HandPose, Shot
-from livehand.backend.render.arm_end import distance_from_end_m
 from livehand.backend.render.composition import joined, visible_parts
 from livehand.backend.render.frame_task import HandTask
-from livehand.backend.render.surface_maps import surface_maps
+from livehand.backend.render.surface_maps import distance_from_end_m, surface_maps
 from livehand.backend.render.wrist_fade import faded
 
 SIZE = (60, 70)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.tracking.film_clock import LONGEST_STEP_S, FilmClock
+from livehand.backend.tracking.video import LONGEST_STEP_S, FilmClock
 
 FPS = 25.0
 WRAP_S = 2**33 / 90000  # of an MPEG transport stream's clock, 26.5 hours

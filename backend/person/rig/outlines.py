@@ -38,6 +38,11 @@ class Outline(NamedTuple):
     row: np.ndarray
     column: np.ndarray
 
+    @property
+    def rim_px(self) -> np.ndarray:
+        """Where the region ends, [N, 2]: half a pixel outside these pixels' centres."""
+        return self.px - 0.5 * self.normal
+
 
 @dataclass(frozen=True)
 class CoveredPixels:
@@ -65,10 +70,9 @@ def covered_pixels(vertices: Float[np.ndarray, "V 3"], faces: Tensor, camera: Ca
     return CoveredPixels(face, nearest)
 
 
-def outline_of(region: Bool[np.ndarray, "H W"], outside: Bool[np.ndarray, "H W"] | None = None) -> Outline:
-    """Find the outline of a region against what is outside (None: all else)."""
-    outside = ~region if outside is None else outside
-    around = np.pad(outside, 1)
+def outline_of(region: Bool[np.ndarray, "H W"]) -> Outline:
+    """Find the outline of a region."""
+    around = np.pad(~region, 1)
     touches = np.zeros_like(region)
     height, width = region.shape
     for down in range(3):

@@ -25,6 +25,7 @@ def test_the_outline_of_a_disc_is_its_circle_with_normals_to_the_middle():
     assert np.linalg.norm(away, axis=1) == pytest.approx(np.full(len(away), 29.5), abs=1.0)
     inward = -away / np.linalg.norm(away, axis=1, keepdims=True)
     assert (outline.normal * inward).sum(1).min() > 0.98
+    assert np.median(np.linalg.norm(outline.rim_px - 50, axis=1)) == pytest.approx(30, abs=0.1)
     assert len(outline.px) == 236  # every pixel of the disc that touches one outside it, by a side or a corner
 
 
@@ -34,13 +35,6 @@ def test_the_picture_s_own_edge_is_no_outline():
     outline = outline_of(region)
     assert set(outline.column.tolist()) == {29}
     assert outline_of(np.ones((60, 60), bool)).px.shape == (0, 2)
-
-
-def test_what_lies_outside_may_be_given():
-    region, outside = disc(), np.zeros((100, 100), bool)
-    outside[:50] = True
-    outside &= ~region
-    assert outline_of(region, outside).row.max() <= 50
 
 
 def test_the_nearest_pixel_is_of_the_same_direction():

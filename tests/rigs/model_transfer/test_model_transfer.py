@@ -8,7 +8,7 @@ from livehand.backend.geometry.mesh_tables import area_weighted_normals
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.hand.pose_samples import sample_poses_deg
+from livehand.backend.hand.poses import sample_poses_deg
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.backend.rigs.model_transfer.model_transfer import ModelTransfer
