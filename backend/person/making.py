@@ -227,7 +227,7 @@ def _early_round(
 
 
 _EARLY = {"resolution": 512, "pictures": 16, "light_pictures": 4}
-_EARLY_REFITS = 2, 3
+_EARLY_REFITS = 2, 2
 _FIRST_MELANIN = 0.4
 
 
