@@ -24,7 +24,6 @@ from ...backend.teacher.frames import swap_distal, template_to_build
 from ...backend.teacher.rays import Ray, RayCoordinates, build_rays
 from ...backend.teacher.skin_masks import skin_masks
 
-
 _FAR = np.array([-300.0, 0, 0, 0, -8, 0])
 """Coordinates of what lies on no digit."""
 

@@ -63,20 +63,20 @@ def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     fingers = chart.on_digit * dorsal
     knuckles = bump(joint[:, 0] - 1, 7.0) * bump(chart.lateral, 7.0) * (1 - chart.palm) * (chart.digit != THUMB)
     of_joints = 0.55 * own[0] * bump(joint[:, 1], 5.5) + 0.45 * own[1] * bump(joint[:, 2], 4.5)
-    tips = smoothstep(chart.along - chart.length[chart.digit], -17, -5) * chart.on_digit
+    tips = smoothstep(chart.along - chart.length[chart.digit], -17.0, -5.0) * chart.on_digit
     thenar = bump(np.hypot((d - 34) / 24, (r - 24) / 15), 0.6)
-    ulnar = smoothstep(-r, 20, 34) * smoothstep(d, -5, 18) * smoothstep(d, 84, 62)
-    pads = bump(d - 80, 7.0) * smoothstep(np.abs(r), 40, 30)
+    ulnar = smoothstep(-r, 20.0, 34.0) * smoothstep(d, -5.0, 18.0) * smoothstep(d, 84.0, 62.0)
+    pads = bump(d - 80, 7.0) * smoothstep(np.abs(r), 40.0, 30.0)
     hollow = bump(np.hypot((d - 48) / 22, (r + 4) / 13), 0.6)
     on_palm = (1 - chart.on_digit) * chart.palm * (1 - chart.arm)
     palm = on_palm * (0.40 * own[2] * thenar + 0.60 * own[3] * ulnar + 0.35 * own[4] * pads - 0.45 * own[5] * hollow)
     back = 0.50 * own[6] * knuckles + fingers * of_joints + 0.55 * own[7] * tips
     web = 0.2 * bump(joint[:, 0] - 20, 7.0) * (1 - dorsal)
-    points, mottle = chart.points_mm, 0.12 + 0.03 * chart.palm
+    points, mottle = chart.points_mm, 0.16
     patches = (
-        0.17 * noise.smooth(points, 42, 1)
-        + mottle * noise.smooth(points[:, [1, 2, 0]], 15, 2)
-        + 0.5 * mottle * noise.smooth(points[:, [2, 0, 1]], 5, 2)
+        0.20 * noise.smooth(points, 42.0, 1)
+        + mottle * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
+        + 0.5 * mottle * noise.smooth(points[:, [2, 0, 1]], 5.0, 2)
     )
     calm = 1 - 0.45 * chart.arm
     return back + palm + web + calm * patches - 0.16
@@ -86,12 +86,16 @@ def _yellow(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray
     """Compute how much yellower [T]: patches, thick skin at the fingers' roots, and age."""
     d = plane(chart.points_mm)[:, 0]
     thick = chart.palm * (bump(d - 84, 6.0) * (1 - chart.on_digit) + 0.4 * chart.on_digit)
-    return (0.14 - 0.05 * chart.palm) * noise.smooth(chart.points_mm[:, [0, 2, 1]], 24, 2) + 0.3 * thick + 0.15 * look.aged
+    return (
+        (0.24 - 0.06 * chart.palm) * noise.smooth(chart.points_mm[:, [0, 2, 1]], 24.0, 2)
+        + 0.3 * thick
+        + 0.15 * look.aged
+    )
 
 
 def _pigment(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     """Compute how much more pigment [T]: soft patches, darker joints; half as much on the arm, and none in the palm."""
-    patches = 0.07 * noise.smooth(chart.points_mm[:, [1, 0, 2]], 11, 2)
+    patches = 0.07 * noise.smooth(chart.points_mm[:, [1, 0, 2]], 11.0, 2)
     joint = chart.from_joint_mm
     over = chart.on_digit * smoothstep(chart.height, 0.1, 0.7) * (bump(joint[:, 1], 6.0) + 0.6 * bump(joint[:, 2], 4.5))
     return (1 - 0.8 * chart.palm) * ((1 - 0.5 * chart.arm) * patches + (0.05 + 0.22 * min(look.tone, 1.0)) * over)
@@ -99,7 +103,7 @@ def _pigment(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarra
 
 def _vein(chart: HandChart, veins: PlaneImage) -> np.ndarray:
     up = smoothstep(chart.normals[:, 1], 0.05, 0.5) * (1 - chart.on_digit)
-    down = 0.6 * smoothstep(-chart.normals[:, 1], 0.2, 0.7) * smoothstep(-plane(chart.points_mm)[:, 0], -4, 8)
+    down = 0.6 * smoothstep(-chart.normals[:, 1], 0.2, 0.7) * smoothstep(-plane(chart.points_mm)[:, 0], -4.0, 8.0)
     return veins.at(chart.points_mm) * np.maximum(up, down)
 
 
@@ -109,17 +113,17 @@ def _spots(chart: HandChart, look: PersonLook) -> np.ndarray:
     at = (chart.palm < 0.6).nonzero()[0]
     points = chart.points_mm[at]
     edge = np.float32(0.12) * noise.smooth(points, 1.2, 2)
-    sun = smoothstep(noise.smooth(points, 40, 1), -1.2, 1.2) * (1 - chart.palm[at]) * (1 - 0.6 * chart.on_digit[at])
+    sun = smoothstep(noise.smooth(points, 40.0, 1), -1.2, 1.2) * (1 - chart.palm[at]) * (1 - 0.6 * chart.on_digit[at])
     aged = look.aged
     kinds = (
-        (3.6, 0.22, 0.75 * look.freckles, (0.30, 0.75)),
-        (13.0, 0.55 * aged, 0.8 * min(look.freckles, 1.5) * aged, (1.0, 3.2)),
-        (34.0, 0.25, 2.2, (0.5, 1.0)),
+        (1.7, 0.10 + 0.12 * look.freckles, 0.6 * look.freckles, (0.25, 0.70)),
+        (8.0, 0.5 * aged, 0.8 * min(look.freckles, 1.5) * aged, (1.0, 3.0)),
+        (12.0, 0.2, 2.2, (0.5, 1.0)),
     )
     for index, (size, share, strength, (least, most)) in enumerate(kinds):
         cells = noise.cells(points + np.float32(31.7 * index), (size,) * 3)
         radius = least + (most - least) * cells.chance[:, 1] ** 2
-        inside = smoothstep(size * cells.distance + edge * radius, 1.15 * radius, 0.6 * radius)
+        inside = smoothstep(size * cells.distance / radius + edge, 1.15, 0.6)
         present = cells.chance[:, 0] < share * (sun if index < 2 else 1)
         total[at] += np.float32(min(strength, 2.2)) * inside * present * (0.5 + 0.5 * cells.chance[:, 2])
     return total.clip(0, 2.2)
@@ -132,14 +136,13 @@ def _with_nails(chart: HandChart, rim: np.ndarray, noise: SolidNoise, look: Pers
     along, across, near = chart.nail_along[at], chart.nail_across[at], rim[at]
     streaks = noise.smooth(np.stack([0.15 * along, across, chart.digit[at]], 1).astype(np.float32) * 8, 3.0, 2)
     bed = colours["bed"] + (0.10 * streaks + 0.12 * smoothstep(near, 0.6, 0.98))[:, None] * BLOOD
-    moon = smoothstep(
-        along + 0.35 * across**2, -0.86 + 0.42 * _MOON[chart.digit[at]], -1.0 + 0.40 * _MOON[chart.digit[at]]
-    )
+    reach = 0.41 * _MOON[chart.digit[at]] - 0.93
+    moon = smoothstep(along + 0.35 * across**2 - reach, 0.07, -0.07)
     nail = _towards(bed, colours["moon"], 0.8 * moon)
     half_mm = _HALF_NAIL_MM[chart.digit[at]]
     free = 1 - (look.nails + 0.25) / half_mm - 0.16 * across**2
     nail = _towards(nail, colours["flush"], 0.6 * bump(along - free + 0.10, 0.07))
-    nail = _towards(nail, colours["free"], 0.9 * smoothstep(along + 0.02 * streaks, free - 0.03, free + 0.03))
+    nail = _towards(nail, colours["free"], 0.9 * smoothstep(along - free + 0.02 * streaks, -0.03, 0.03))
     nail = nail + np.float32(0.5 * look.aged) * (0.3 * _YELLOW + np.float32([-0.06, -0.06, -0.06]))
     cuticle = smoothstep(near, 0.90, 0.97) * smoothstep(along, 0.0, -0.5)
     nail = _towards(nail, colours["cuticle"], 0.6 * cuticle)

@@ -93,7 +93,7 @@ def _furrows(chart: HandChart, noise: SolidNoise, look: PersonLook) -> tuple[np.
     for size, half, (young, older), sign in zip(_CELL_MM, _HALF_FURROW, _CELL_DEEP_MM, (1, -1), strict=True):
         border = noise.cells(points + np.float32(0.22 * size[1]) * aside, size).border
         strength = smoothstep(sign * comes, -1.8, 0.9)
-        depth[at] += (young + older * look.aged) * strength * smoothstep(border, half * 2, 0)
+        depth[at] += (young + older * look.aged) * strength * smoothstep(border, half * 2, 0.0)
     depth *= deep
     return depth, (depth / 0.06).clip(0, 1)
 
@@ -112,8 +112,8 @@ def _ridges(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray
     is_digit = chart.on_digit[at] > 0.5
     level = np.where(is_digit, on_pad, on_palm) + np.where(is_digit, 0.8, 3.5) * noise.smooth(points, 26.0, 2)
     share = smoothstep(noise.smooth(points[:, [1, 2, 0]], 14.0, 2), -1.2, 0.6)
-    place = smoothstep(chart.palm[at], 0.4, 0.9) * (1 - chart.arm[at]) * smoothstep(-plane(points)[:, 0], 2, -6)
-    on_tip = np.where(is_digit, smoothstep(along, -14, -4), 0)
+    place = smoothstep(chart.palm[at], 0.4, 0.9) * (1 - chart.arm[at]) * smoothstep(-plane(points)[:, 0], 2.0, -6.0)
+    on_tip = np.where(is_digit, smoothstep(along, -14.0, -4.0), 0)
     strength = place * (0.35 + 0.65 * on_tip) * (0.25 + 0.75 * share) * (1 - 0.4 * look.aged)
     height[at] = _RIDGE_DEEP_MM * strength * np.sin(2 * np.pi * level / RIDGE_MM)
     return height

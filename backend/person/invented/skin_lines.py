@@ -13,7 +13,7 @@ import numpy as np
 
 _WRIST_MM = 95.0  # along the template's X
 _WAVES_MM = (7.0, 15.0, 33.0)
-Points = Sequence[tuple[float, float]]
+Points = Sequence[tuple[int, int]]
 
 
 class PlaneImage(NamedTuple):
@@ -91,7 +91,7 @@ def palm_creases(random: np.random.Generator, minor: int) -> PlaneImage:
     """Draw the creases of a palm and wrist: long curves with branches, and so many short lines between them."""
     strokes = []
     for points, strength, width_mm in _PALM:
-        main = _stroke(_moved(points, random, 1.8), random, strength, width_mm, wiggle_mm=0.5)
+        main = _stroke(_moved(points, random, 2.4), random, strength, width_mm, wiggle_mm=0.5)
         strokes.append(main)
         if strength > _DEEP_FROM:
             strokes += [_branch(main, random) for _ in range(random.integers(4, 9))]
@@ -113,7 +113,7 @@ def veins(random: np.random.Generator) -> PlaneImage:
 
 
 def _moved(points: Points, random: np.random.Generator, deviation_mm: float) -> np.ndarray:
-    return np.array(points, np.float64) + random.normal(0, deviation_mm, (len(points), 2))
+    return np.array(points) + random.normal(0, deviation_mm, 2) + random.normal(0, deviation_mm, (len(points), 2))
 
 
 def _stroke(
