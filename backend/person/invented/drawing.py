@@ -14,7 +14,6 @@ import torch
 from torch.nn.functional import avg_pool2d, conv2d, interpolate
 
 from ...hand.model import HandModel
-from ...surface.albedo_ratio import RATIO_ARRAY, ratio_steps
 from ...surface.atlas_texels import AtlasTexels
 from ...surface.detail_maps import DORSAL_SHADE, PALMAR_SHADE
 from ...surface.detail_maps_file import (
@@ -36,7 +35,6 @@ from .skin_lines import PlaneImage, veins
 from .solid_noise import SolidNoise
 
 _COARSER = 4  # texels of the fine maps that make one of the coarse, along each side
-_LEAST_ALBEDO = 0.003
 _MOST_ALBEDO = 0.92
 _VEINS, _HAIR = 31, 32  # purposes of random numbers
 _HAIR_STEP = 1 / 32
@@ -79,14 +77,6 @@ def drawn_person(hand: HandModel, look: PersonLook, base: dict[str, np.ndarray],
     arrays["vein"] = _vein(HandChart.at_vertices(template), lines)
     arrays["hair/share"] = _hair_share(template, look, base["hair/share"])
     return DrawnPerson(arrays, _log_albedo(template, look, lines, sizes.ratio))
-
-
-def albedo_ratio_arrays(log_albedo: np.ndarray, network_albedo: np.ndarray) -> dict[str, np.ndarray]:
-    """Compute the ratio's array from what is to be seen [A, A, 3] and what the networks show [B, B, 3]."""
-    size = (len(log_albedo), len(log_albedo))
-    shown = torch.as_tensor(np.log(network_albedo.clip(_LEAST_ALBEDO))).permute(2, 0, 1)[None].float()
-    shown = interpolate(shown, size=size, mode="bilinear")[0].permute(1, 2, 0)
-    return {RATIO_ARRAY: ratio_steps(torch.as_tensor(log_albedo) - shown).numpy()}
 
 
 def _relief_arrays(template: DetailTemplate, look: PersonLook, resolution: int) -> dict[str, np.ndarray]:

@@ -6,19 +6,25 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+import torch
+from torch.nn.functional import interpolate
+
 from ...avatars.avatar import Avatar
 from ...avatars.file import load_avatar
 from ...avatars.library import SKINS, shipped_avatar_path
 from ...hand.model import HandModel
 from ...render.albedo import FIELD_RESOLUTION, network_albedo
 from ...render.thumbnail import with_thumbnail
+from ...surface.albedo_ratio import RATIO_ARRAY, ratio_steps
 from ...surface.base_surface import base_arrays, base_sha256
 from ...surface.hair_growth import REGIONS
 from ...surface.stored_surface import StoredSurface
-from .drawing import AtlasSizes, albedo_ratio_arrays, drawn_person
+from .drawing import AtlasSizes, drawn_person
 from .look import PersonLook
 
 MADE_BY = "livehand new-person"
+_LEAST_ALBEDO = 0.003
 
 
 def new_person(
@@ -57,6 +63,14 @@ def nearest_base(tone: float) -> Avatar:
     """Load the avatar that ships whose skin is nearest to a tone."""
     avatars = [load_avatar(shipped_avatar_path(skin)) for skin in SKINS]
     return min(avatars, key=lambda avatar: abs(_melanin(avatar) - tone))
+
+
+def albedo_ratio_arrays(log_albedo: np.ndarray, network_albedo: np.ndarray) -> dict[str, np.ndarray]:
+    """Compute the ratio's array from what is to be seen [A, A, 3] and what the networks show [B, B, 3]."""
+    size = (len(log_albedo), len(log_albedo))
+    shown = torch.as_tensor(np.log(network_albedo.clip(_LEAST_ALBEDO))).permute(2, 0, 1)[None].float()
+    shown = interpolate(shown, size=size, mode="bilinear")[0].permute(1, 2, 0)
+    return {RATIO_ARRAY: ratio_steps(torch.as_tensor(log_albedo) - shown).numpy()}
 
 
 def _melanin(avatar: Avatar) -> float:

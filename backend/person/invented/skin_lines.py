@@ -43,7 +43,7 @@ class PlaneImage(NamedTuple):
         return np.where(is_inside, upper * (1 - down) + lower * down, 0).astype(np.float32)
 
 
-class Stroke(NamedTuple):
+class LineStroke(NamedTuple):
     """A curve as samples.
 
     Attributes:
@@ -123,7 +123,7 @@ def _stroke(
     width_mm: float,
     wiggle_mm: float,
     fade_mm: float = 9.0,
-) -> Stroke:
+) -> LineStroke:
     """Draw a curve through knots [K, 2], that wanders, swells and thins, and ends in points; it has no gaps."""
     lengths = np.r_[0, np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))]
     at = np.arange(0, lengths[-1], 0.15 if width_mm < 0.8 else 0.4)
@@ -136,7 +136,7 @@ def _stroke(
         aside, swell = aside + wiggle_mm * wave_mm / _WAVES_MM[-1] * one, swell + 0.1 * other
     ends = np.clip(np.minimum(at, lengths[-1] - at) / fade_mm, 0, 1)
     points = curve + aside[:, None] * np.stack([-tangent[:, 1], tangent[:, 0]], 1)
-    return Stroke(points, strength * np.sqrt(ends) * (0.85 + swell), width_mm * (0.45 + 0.55 * ends))
+    return LineStroke(points, strength * np.sqrt(ends) * (0.85 + swell), width_mm * (0.45 + 0.55 * ends))
 
 
 def _through(knots: np.ndarray, lengths: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -151,11 +151,11 @@ def _through(knots: np.ndarray, lengths: np.ndarray, at: np.ndarray) -> np.ndarr
 
 
 def _branch(
-    main: Stroke,
+    main: LineStroke,
     random: np.random.Generator,
     length_mm: tuple[float, float] = (6.0, 20.0),
     strength: float = 0.5,
-) -> Stroke:
+) -> LineStroke:
     """Let a finer line leave a curve at a small angle."""
     index = int(random.integers(len(main.points) // 8, max(len(main.points) - 2, len(main.points) // 8 + 1)))
     ahead = main.points[min(index + 2, len(main.points) - 1)] - main.points[index - 1]
@@ -171,7 +171,7 @@ def _branch(
     return line._replace(strength=peak * strength * (1 - np.linspace(0, 1, count) ** 2))  # it begins on the curve
 
 
-def _minor(random: np.random.Generator) -> Stroke:
+def _minor(random: np.random.Generator) -> LineStroke:
     """Draw a short fine line somewhere on the palm; more run along the hand and across it than between."""
     start = np.array([random.uniform(4, 96), random.uniform(-40, 34)])
     angle = random.choice([0.0, 0.5 * np.pi, 0.25 * np.pi]) + random.normal(0, 0.35)
@@ -183,7 +183,7 @@ def _minor(random: np.random.Generator) -> Stroke:
 
 
 def _image(
-    strokes: Iterable[Stroke], start_mm: tuple[float, float], end_mm: tuple[float, float], texel_mm: float
+    strokes: Iterable[LineStroke], start_mm: tuple[float, float], end_mm: tuple[float, float], texel_mm: float
 ) -> PlaneImage:
     """Draw the strokes; where two cross, the stronger one shows."""
     shape = tuple(round((end - start) / texel_mm) for start, end in zip(start_mm, end_mm, strict=True))
