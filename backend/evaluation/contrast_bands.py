@@ -16,13 +16,15 @@ from torch import Tensor
 
 from ..image.srgb import srgb_to_linear
 from .neighbourhood import distance_px, masked_blur
-from .skin_colours import lightness
+from .skin_colours import lab, lightness
 from .visible_surface import VisibleSurface
 
 BANDS_MM = ((1, 2), (2, 4), (4, 8), (8, 16))
 MARGIN_MM = 1.0
 SPAN = "l_span"
 """Key of the span of L* from its 2nd to its 98th percentile."""
+SPREAD_KEYS = "a_sd", "b_sd"
+"""Keys of the deviations of a* and b*."""
 TRUTH = "_truth"
 """Ends the keys of the truth's figures."""
 _SPAN_SHARES = 0.02, 0.98
@@ -58,7 +60,7 @@ def contrast(image: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"], mm_per_px
     """
     if not math.isfinite(mm_per_px):
         return dict.fromkeys(CONTRAST_KEYS, math.nan)
-    inside = hand & (distance_px(~hand, math.inf) > MARGIN_MM / mm_per_px)
+    inside = _inside(hand, mm_per_px)
     if int(inside.sum()) < _FEWEST:
         return dict.fromkeys(CONTRAST_KEYS, math.nan)
     l_star = lightness(srgb_to_linear(image.clamp(0, 1)))
@@ -70,3 +72,16 @@ def contrast(image: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"], mm_per_px
         figures[band_key((fine, coarse))] = deviation if coarse >= 2 * mm_per_px else math.nan
     low, high = np.quantile(l_star[inside].numpy(), _SPAN_SHARES)
     return figures | {SPAN: float(high - low)}
+
+
+def colour_spread(image: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"], mm_per_px: float) -> dict[str, float]:
+    """Measure the deviation of a* and b* of an encoded image's hand, as `contrast` does that of L*."""
+    inside = _inside(hand, mm_per_px)
+    if int(inside.sum()) < _FEWEST:
+        return dict.fromkeys(SPREAD_KEYS, math.nan)
+    deviation = lab(srgb_to_linear(image.clamp(0, 1))[inside]).std(0)
+    return dict(zip(SPREAD_KEYS, deviation[1:].tolist(), strict=True))
+
+
+def _inside(hand: Bool[Tensor, "H W"], mm_per_px: float) -> Bool[Tensor, "H W"]:
+    return hand & (distance_px(~hand, math.inf) > MARGIN_MM / mm_per_px)

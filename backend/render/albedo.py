@@ -59,7 +59,7 @@ def atlas_albedo(avatar: Avatar, hand: HandModel, resolution: int, side: Side = 
     Raises:
         LiveHandError: the avatar is not relightable.
     """
-    image = torch.as_tensor(_field_over_atlas(avatar, hand, min(resolution, _FIELD_RESOLUTION))).permute(2, 0, 1)
+    image = torch.as_tensor(network_albedo(avatar, hand, min(resolution, FIELD_RESOLUTION))).permute(2, 0, 1)
     image = interpolate(image[None], size=(resolution, resolution), mode="bilinear")[0].permute(1, 2, 0)
     surface = avatar_surface_of(avatar, torch.device("cpu"))
     if surface is not None:
@@ -69,8 +69,13 @@ def atlas_albedo(avatar: Avatar, hand: HandModel, resolution: int, side: Side = 
     return image.clamp(0, 1).numpy()
 
 
-def _field_over_atlas(avatar: Avatar, hand: HandModel, resolution: int) -> np.ndarray:
-    """Compute the albedo [A, A, 3] of the field over the atlas; beyond the charts, that of the nearest texel."""
+@torch.inference_mode()
+def network_albedo(avatar: Avatar, hand: HandModel, resolution: int) -> np.ndarray:
+    """Compute the albedo [A, A, 3] of the networks alone over the atlas; beyond the charts, that of the nearest texel.
+
+    Raises:
+        LiveHandError: the avatar is not relightable.
+    """
     corner_uv = torch.as_tensor(hand.vt[hand.ft], dtype=torch.float32)
     texels = AtlasTexels.of(corner_uv, torch.as_tensor(hand.f), resolution)
     face, weights = torch.as_tensor(texels.face), torch.as_tensor(texels.weights)
@@ -101,7 +106,7 @@ def baked_colors(avatar_path: Path, hand: HandModel, folder: Path, side: Side, r
     return path
 
 
-_FIELD_RESOLUTION = 512
+FIELD_RESOLUTION = 512
 """Finer than the planes of a field."""
 
 

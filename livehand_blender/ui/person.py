@@ -1,19 +1,22 @@
-"""An avatar of one's own hand, made of a film or of photographs while Blender goes on."""
+"""An avatar of one's own hand, made of a film or of photographs, or of an invented person, while Blender goes on."""
 
 from __future__ import annotations
 
 from itertools import chain, count
 from pathlib import Path
+from typing import Any
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, StringProperty
+from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...backend.person.command import start_person
+from ...backend.person.invented.command import start_new_person
+from ...backend.person.invented.look import MOST_SEED, NUMBERS
 from ...backend.person.kept_steps import remove_work
 from ...backend.person.sources import FILM_SUFFIXES
 from ...backend.system.child_job import ChildJob
-from ...backend.system.packages import PICTURES, missing_of
+from ...backend.system.packages import PICTURES, missing_of, missing_requirements
 from ..render.hand_source import set_avatar
 from ..rig.hand import active_hand
 from .jobs import RunsJob
@@ -88,8 +91,72 @@ class LIVEHAND_OT_person_from_pictures(NeedsTracker, RunsJob, bpy.types.Operator
             self.report({"WARNING"}, str(note))
 
 
+def _slider(name: str) -> Any:
+    """Make the property of one of a person's numbers."""
+    spec = NUMBERS[name]
+    return FloatProperty(
+        name=name.capitalize(), description=spec.meaning, min=spec.low, max=spec.high, default=spec.usual
+    )
+
+
+class LIVEHAND_OT_new_person(RunsJob, bpy.types.Operator):
+    """Make an avatar of an invented person from a few numbers; no one else has their creases, spots and veins."""
+
+    bl_idname = "livehand.new_person"
+    bl_label = "New Person"
+    bl_options = {"REGISTER"}
+
+    person_name: StringProperty(name="Name", description="Of the person; the avatar's file is named by it")
+    seed: IntProperty(name="Seed", description="Of lines, cells, spots and shape", default=1, min=0, max=MOST_SEED)
+    age: _slider("age")
+    tone: _slider("tone")
+    blood: _slider("blood")
+    veins: _slider("veins")
+    freckles: _slider("freckles")
+    folds: _slider("folds")
+    hair: _slider("hair")
+    nails: _slider("nails")
+
+    @classmethod
+    def poll(cls, context):
+        """Enable it once packages are there."""
+        if missing_requirements():
+            cls.poll_message_set("Python packages are missing: press Install Packages")
+            return False
+        return True
+
+    def invoke(self, context, event):
+        """Ask for the numbers."""
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, context):
+        """Draw name, seed and sliders."""
+        self.layout.use_property_split = True
+        for name in ("person_name", "seed"):
+            self.layout.prop(self, name)
+        for name in NUMBERS:
+            self.layout.prop(self, name, slider=True)
+
+    def start(self, context: bpy.types.Context) -> ChildJob:
+        """Start the command, which writes a new avatar."""
+        name = self.person_name or f"Person {self.seed}"
+        self._output = _free_path(library_folder(context), bpy.path.clean_name(name))
+        numbers = [word for one in NUMBERS for word in (f"--{one}", str(round(getattr(self, one), 4)))]
+        return start_new_person(["-o", str(self._output), "--name", name, "--seed", str(self.seed), *numbers])
+
+    def take(self, context: bpy.types.Context, job: ChildJob) -> None:
+        """Let the active hand wear the avatar, in one step of undo."""
+        job.result()
+        armature = active_hand(context)
+        if armature is not None:
+            set_avatar(armature, self._output)
+            bpy.ops.ed.undo_push(message=self.bl_label)
+        self.report({"INFO"}, f"{self._output.stem} is in Choose Avatar")
+
+
 def draw_person(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the button, or how to install what it needs."""
+    """Draw the buttons, or how to install what pictures need."""
+    layout.operator("livehand.new_person", icon="ADD")
     if missing_of(PICTURES):
         layout.label(text="From Film or Photographs:")
         draw_packages(layout, context, "PICTURES")
@@ -109,4 +176,4 @@ def _free_path(folder: Path, name: str) -> Path:
     return next(path for path in paths if not path.exists())
 
 
-CLASSES = (LIVEHAND_OT_person_from_pictures,)
+CLASSES = (LIVEHAND_OT_person_from_pictures, LIVEHAND_OT_new_person)

@@ -33,6 +33,7 @@ FAILING = {
     "fetch-tracker": "--weights NO",
     "fetch-perceptual": "--weights NO",
     "person": "NO -o OUT.safetensors",
+    "new-person": "--age 200 -o OUT.safetensors",
     "track": "NO -o OUT.npz",
     "reenact": "NO -o OUT",
     "warm-up": "",  # fails only where it cannot write

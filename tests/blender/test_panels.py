@@ -154,7 +154,12 @@ def test_a_hand_shows_its_avatar_and_a_choice():
     drawn = draw(avatars.LIVEHAND_PT_avatar)
     assert drawn[:2] == ["Erik", "License: GPL-3.0-or-later"]
     assert drawn[-2:] == ["skin", "avatar_path"]
-    assert draw(panels.LIVEHAND_PT_hand) == ["LiveHand", "LIVEHAND_PT_choose_avatar", "livehand.person_from_pictures"]
+    assert draw(panels.LIVEHAND_PT_hand) == [
+        "LiveHand",
+        "LIVEHAND_PT_choose_avatar",
+        "livehand.new_person",
+        "livehand.person_from_pictures",
+    ]
     offered = draw(avatars.LIVEHAND_PT_choose_avatar)
     assert offered[:6:2] == ["livehand.wear_avatar"] * 3
     assert [Path(path).stem for path in offered[1:6:2]] == ["light", "middle", "deep"]

@@ -98,3 +98,27 @@ def test_a_process_that_is_canceled_ends(tmp_path):
     job.wait()
     with pytest.raises(LiveHandError):
         job.result()
+
+
+def test_a_new_person_is_worn_and_has_the_numbers(hand_scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(person, "library_folder", lambda context: tmp_path)
+    started = []
+
+    def start(arguments):
+        started.append(arguments)
+        return FakeJob(output=Path(arguments[arguments.index("-o") + 1]), report={})
+
+    monkeypatch.setattr(person, "start_new_person", start)
+    assert bpy.ops.livehand.new_person("EXEC_DEFAULT", seed=12, age=70, hair=0.5) == {"FINISHED"}
+    assert hand_source(active_hand(bpy.context)).avatar_path == tmp_path / "Person_12.safetensors"
+    arguments = dict(zip(started[0][::2], started[0][1::2], strict=True))
+    assert (arguments["--seed"], arguments["--age"], arguments["--hair"]) == ("12", "70.0", "0.5")
+    assert arguments["--name"] == "Person 12"
+    assert {f"--{name}" for name in person.NUMBERS} < arguments.keys()
+
+
+def test_sliders_end_where_numbers_do():
+    properties = bpy.ops.livehand.new_person.get_rna_type().properties
+    for name, spec in person.NUMBERS.items():
+        assert properties[name].hard_min == pytest.approx(spec.low)
+        assert properties[name].hard_max == pytest.approx(spec.high)

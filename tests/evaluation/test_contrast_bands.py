@@ -7,12 +7,15 @@ from livehand.backend.evaluation.contrast_bands import (
     BANDS_MM,
     CONTRAST_KEYS,
     SPAN,
+    SPREAD_KEYS,
     band_key,
+    colour_spread,
     contrast,
     contrast_figures,
 )
+from livehand.backend.evaluation.skin_colours import lab
 from livehand.backend.evaluation.visible_surface import VisibleSurface
-from livehand.backend.image.srgb import linear_to_srgb
+from livehand.backend.image.srgb import linear_to_srgb, srgb_to_linear
 
 MM_PER_PX = 0.25
 
@@ -82,3 +85,14 @@ def test_the_truth_has_keys_of_its_own():
     assert set(figures) == {*CONTRAST_KEYS, *(f"{key}_truth" for key in CONTRAST_KEYS)}
     assert figures["l_2_4"] / figures["l_2_4_truth"] == pytest.approx(0.5, rel=0.01)
     assert figures["l_2_4_truth"] == pytest.approx(6 / np.sqrt(2) * (kept(2 / np.pi, 3) - kept(4 / np.pi, 3)), rel=0.03)
+
+
+def test_the_spread_of_colour_is_that_of_the_hand_alone():
+    red, pale = (torch.tensor(rgb).expand(40, 20, 3) for rgb in ((0.8, 0.5, 0.45), (0.7, 0.6, 0.5)))
+    image, hand = torch.cat([red, pale, torch.zeros(40, 40, 3)], 1), torch.zeros(40, 80, dtype=torch.bool)
+    hand[:, :40] = True
+    spread = colour_spread(image, hand, MM_PER_PX)
+    first, second = (lab(srgb_to_linear(one[0, 0])) for one in (red, pale))
+    for key, channel in zip(SPREAD_KEYS, (1, 2), strict=True):
+        assert spread[key] == pytest.approx(abs(float(first[channel] - second[channel])) / 2, rel=0.15)
+    assert np.isnan(colour_spread(image, torch.zeros(40, 80, dtype=torch.bool), MM_PER_PX)[SPREAD_KEYS[0]])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +12,37 @@ import bpy
 import numpy as np
 import torch
 
+from ...backend.avatars.avatar import Avatar
 from ...backend.capture.person import Person
+from ...backend.capture.picture import linear_to_srgb, straight
 from ...backend.evaluation.contact_sheet import label_strip, on_background, save_sheet, tile
-from ...backend.evaluation.contrast_bands import BANDS_MM, SPAN, band_key, contrast
+from ...backend.evaluation.contrast_bands import BANDS_MM, SPAN, SPREAD_KEYS, band_key, colour_spread, contrast
 from ...backend.evaluation.sheet_command import read_frame
 from ...backend.evaluation.skin_colours import BACK, colour_findings, lab
+from ...backend.hand.lbs import posed_vertices
 from ...backend.hand.model import HandModel
 from ...backend.hand.posed_bones import bone_frames
 from ...backend.image.srgb import srgb_to_linear
+from ...backend.records.light import Lamp, Light, Sky, rotation_facing
+from ...backend.records.shot import Shot
+from ...backend.render.renderer import Renderer
 from ...livehand_blender.capture.node_graph import NodeGraph
 from ...livehand_blender.capture.render import builtin_surface
 from ...livehand_blender.capture.scene import capture_scene, set_camera
 from ...livehand_blender.scene.file_paths import output_path
-from .views import CLOSE_UPS, WHOLE_HANDS, Aim, HandView, KeyLight, aim
+from .views import (
+    CLOSE_UPS,
+    LAMP_M,
+    LAMP_SIDE_M,
+    LAMP_W,
+    WHOLE_HANDS,
+    WORLD_STRENGTH,
+    Aim,
+    HandView,
+    KeyLight,
+    aim,
+    towards_lamp,
+)
 
 _COLUMNS = 4
 _WHOLE_PX = 480
@@ -64,6 +83,18 @@ def look_at(
         "lab": {place: [round(float(value), 1) for value in colour] for place, colour in points.items()},
         "unusual": [*colour_findings(points), *(f"{place}: not seen" for place in seen if place not in points)],
     }
+
+
+def look_at_avatar(avatar: Avatar, model: HandModel, folder: Path, close_up_px: int) -> dict[str, Any]:
+    """Do the same with LiveHand's own frames of an avatar, in white light; its albedo is not measured."""
+    folder.mkdir(parents=True, exist_ok=True)
+    studio = AvatarStudio.of(avatar, model)
+    whole = {name: studio.picture(view, _WHOLE_PX) for name, view in WHOLE_HANDS.items()}
+    close = {name: studio.picture(view, close_up_px) for name, view in CLOSE_UPS.items()}
+    _save(whole, folder / "whole_hands.png", 3)
+    _save(close, folder / "close_ups.png", _COLUMNS)
+    contrasts = {name: _contrast(picture, WHOLE_HANDS[name].mm_per_px) for name, picture in whole.items()}
+    return {"contrast": contrasts, "lab": {}, "unusual": []}
 
 
 def summary(figures: Mapping[str, Any]) -> str:
@@ -113,6 +144,41 @@ class _Studio:
         return read_frame(self._picture)
 
 
+@dataclass(frozen=True)
+class AvatarStudio:
+    """One avatar, as LiveHand renders it in the key lamp over a dim white world, in the shape of its person.
+
+    Attributes:
+        renderer: of the avatar.
+        beta: [10] shape.
+    """
+
+    renderer: Renderer
+    beta: np.ndarray
+
+    @classmethod
+    def of(cls, avatar: Avatar, model: HandModel) -> AvatarStudio:
+        """Prepare the renderer."""
+        beta = np.zeros(10) if avatar.surface is None else np.array(avatar.surface.person.beta)
+        return cls(Renderer(avatar, model, "cpu"), beta)
+
+    def picture(self, view: HandView, size_px: int) -> np.ndarray:
+        """Return [size, size, 4] encoded colour times alpha, and alpha."""
+        at = aim(view, self.renderer.hand, self.beta, size_px)
+        vertices = posed_vertices(self.renderer.hand, at.pose)
+        frame = self.renderer.render(Shot(at.pose, vertices, at.camera, _white_light(at), hair=1.0))
+        alpha = frame.alpha[..., None]
+        encoded = linear_to_srgb(straight(np.concatenate([frame.rgb, alpha], -1)).clip(0, 1)) * alpha
+        return np.concatenate([encoded, alpha], -1).astype(np.float32)
+
+
+def _white_light(at: Aim) -> Light:
+    towards, size_m = towards_lamp(at), (LAMP_SIDE_M, LAMP_SIDE_M)
+    position = at.subject_m + LAMP_M * towards
+    key = Lamp("area", np.full(3, LAMP_W), position, rotation_facing(towards), size_m=size_m)
+    return Light((key,), Sky(np.full((2, 4, 3), WORLD_STRENGTH)), shadow_quality="fine")
+
+
 _SIDES = ((True, "back"), (False, "palm"))
 
 
@@ -139,7 +205,8 @@ def _disc(at: Aim, model: HandModel, joint: int, offset_mm: tuple, radius_mm: fl
 
 def _contrast(picture: np.ndarray, mm_per_px: float) -> dict[str, float]:
     pixels = torch.as_tensor(picture)
-    figures = contrast(pixels[..., :3], pixels[..., 3] > 0.5, mm_per_px)
+    encoded, hand = pixels[..., :3], pixels[..., 3] > 0.5
+    figures = contrast(encoded, hand, mm_per_px) | colour_spread(encoded, hand, mm_per_px)
     return {name: round(value, 2) for name, value in figures.items()}
 
 
@@ -149,9 +216,12 @@ def _save(pictures: Mapping[str, np.ndarray], path: Path, columns: int) -> None:
 
 
 def _lines(figures: Mapping[str, Any]) -> Iterator[str]:
-    bands = [band_key(band) for band in BANDS_MM]
-    yield "deviation of L* by wavelength: " + ", ".join(f"{low}-{high} mm" for low, high in BANDS_MM) + "; span"
+    bands, waves = [band_key(band) for band in BANDS_MM], ", ".join(f"{low}-{high} mm" for low, high in BANDS_MM)
+    yield f"deviation of L* by wavelength: {waves}; span; of a* and b*"
     for name, values in figures["contrast"].items():
-        yield f"  {name}: " + ", ".join(f"{values[key]:.2f}" for key in bands) + f"; {values[SPAN]:.0f}"
+        deviations, spread = (", ".join(f"{values[key]:.2f}" for key in keys) for keys in (bands, SPREAD_KEYS))
+        yield f"  {name}: {deviations}; {values[SPAN]:.0f}; {spread}"
+    if not figures["lab"]:
+        return
     yield "albedo, Lab: " + "; ".join(f"{place} {' '.join(map(str, at))}" for place, at in figures["lab"].items())
     yield from figures["unusual"] or ["all colours are within the usual ranges"]

@@ -20,8 +20,8 @@ from ...livehand_blender.capture.node_graph import enable_nodes
 
 CAMERA_M = 0.7
 # The key lamp: a square this far from the subject, this far off the view, towards the upper left.
-_LAMP_M, _LAMP_SIDE_M, _LAMP_W, _LAMP_OFF_VIEW_DEG = 0.9, 0.25, 11.0, 55.0
-_WORLD_RGB, _WORLD_STRENGTH = (0.75, 0.85, 1.0), 0.18
+LAMP_M, LAMP_SIDE_M, LAMP_W, _LAMP_OFF_VIEW_DEG = 0.9, 0.25, 11.0, 55.0
+_WORLD_RGB, WORLD_STRENGTH = (0.75, 0.85, 1.0), 0.18
 
 
 class HandView(NamedTuple):
@@ -91,6 +91,13 @@ def aim(view: HandView, model: HandModel, beta: np.ndarray, size_px: int) -> Aim
     )
 
 
+def towards_lamp(at: Aim) -> np.ndarray:
+    """Return the direction [3] from the subject to the key lamp."""
+    right, down = at.camera.cam2world[:3, 0], at.camera.cam2world[:3, 1]
+    angle = np.deg2rad(_LAMP_OFF_VIEW_DEG)
+    return np.cos(angle) * at.towards - np.sin(angle) * (0.8 * right + 0.6 * down)
+
+
 class KeyLight:
     """A dim world and one square lamp that follows the view."""
 
@@ -99,21 +106,19 @@ class KeyLight:
         scene.world = bpy.data.worlds.new("dim")
         background = enable_nodes(scene.world).nodes["Background"]
         background.inputs["Color"].default_value = (*_WORLD_RGB, 1)
-        background.inputs["Strength"].default_value = _WORLD_STRENGTH
+        background.inputs["Strength"].default_value = WORLD_STRENGTH
         data = bpy.data.lights.new("key", "AREA")
-        data.shape, data.size, data.energy = "SQUARE", _LAMP_SIDE_M, _LAMP_W
+        data.shape, data.size, data.energy = "SQUARE", LAMP_SIDE_M, LAMP_W
         self._lamp = bpy.data.objects.new("key", data)
         self._lamp.visible_camera = False
         scene.collection.objects.link(self._lamp)
 
     def follow(self, aim: Aim) -> None:
         """Place the lamp for a view."""
-        right, down = aim.camera.cam2world[:3, 0], aim.camera.cam2world[:3, 1]
-        angle = np.deg2rad(_LAMP_OFF_VIEW_DEG)
-        to_lamp = np.cos(angle) * aim.towards - np.sin(angle) * (0.8 * right + 0.6 * down)
+        down, to_lamp = aim.camera.cam2world[:3, 1], towards_lamp(aim)
         side = np.cross(down, to_lamp)
         side /= np.linalg.norm(side)
         matrix = np.eye(4)
         matrix[:3, :3] = np.stack([side, np.cross(to_lamp, side), to_lamp], 1)
-        matrix[:3, 3] = aim.subject_m + _LAMP_M * to_lamp
+        matrix[:3, 3] = aim.subject_m + LAMP_M * to_lamp
         self._lamp.matrix_world = Matrix(matrix.tolist())

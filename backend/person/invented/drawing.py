@@ -1,0 +1,181 @@
+"""An invented person's surface from the drawn maps: bands of relief and folds, veins, and the ratio of albedos.
+
+What is coarser than networks resolve is in the ratio to the base's albedo; what is finer is in the detail maps
+(`surface/detail_maps_file.py`), whose coarse pigment stays the base's: it is what the base's own rays pass over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch.nn.functional import avg_pool2d, conv2d, interpolate
+
+from ...hand.model import HandModel
+from ...surface.atlas_texels import AtlasTexels
+from ...surface.detail_maps import DORSAL_SHADE, PALMAR_SHADE
+from ...surface.detail_maps_file import (
+    ATLAS_MM,
+    COARSEST_MM,
+    FOLD_STEP,
+    NAIL_STEP,
+    PIGMENT_STEP,
+    RELIEF_STEP_MM,
+    WIDEST_MM,
+)
+from ...surface.detail_mesh import DetailTemplate
+from ...surface.detail_surface import VEIN_STEP, load_detail_surface
+from .drawn_albedo import drawn_log_albedo, fold_log_albedo
+from .drawn_relief import drawn_relief
+from .hand_chart import HandChart, smoothstep
+from .look import PersonLook
+from .skin_lines import PlaneImage, veins
+from .solid_noise import SolidNoise
+
+_COARSER = 4  # texels of the fine maps that make one of the coarse, along each side
+_MOST_ALBEDO = 0.92
+_VEINS, _HAIR = 31, 32  # purposes of random numbers
+_HAIR_STEP = 1 / 32
+_FURROW_SHADE = -0.09  # of fine pigment in the furrows between cells
+
+
+class AtlasSizes(NamedTuple):
+    """Texels along the atlas of the fine maps, and of the ratio."""
+
+    fine: int = 2048
+    ratio: int = 1024
+
+
+class DrawnPerson(NamedTuple):
+    """What was drawn.
+
+    Attributes:
+        arrays: of the surface, by the names of `stored_surface.ARRAYS`, without the ratio.
+        log_albedo: [A, A, 3], spread beyond the charts.
+    """
+
+    arrays: dict[str, np.ndarray]
+    log_albedo: np.ndarray
+
+
+def drawn_person(hand: HandModel, look: PersonLook, base: dict[str, np.ndarray], sizes: AtlasSizes) -> DrawnPerson:
+    """Draw a person's skin on the built-in hand.
+
+    Args:
+        hand: the right one.
+        look: of the person.
+        base: arrays of the base surface.
+        sizes: of the maps.
+    """
+    surface = load_detail_surface(hand.sha256)
+    assert surface is not None
+    template = DetailTemplate.of(surface, hand)
+    lines = veins(look.random(_VEINS))
+    arrays = _relief_arrays(template, look, sizes.fine)
+    arrays["vein"] = _vein(HandChart.at_vertices(template), lines)
+    arrays["hair/share"] = _hair_share(template, look, base["hair/share"])
+    return DrawnPerson(arrays, _log_albedo(template, look, lines, sizes.ratio))
+
+
+def _relief_arrays(template: DetailTemplate, look: PersonLook, resolution: int) -> dict[str, np.ndarray]:
+    texels = AtlasTexels.of(template.corner_uv, template.faces, resolution)
+    relief = drawn_relief(HandChart.at_texels(template, texels), look)
+    bands = _Bands.of(texels)
+    steps = {"relief": RELIEF_STEP_MM, "dorsal": FOLD_STEP, "palmar": FOLD_STEP}
+    maps = {"relief": relief.relief_mm, "dorsal": relief.dorsal, "palmar": relief.palmar}
+    arrays = {}
+    for name, values in maps.items():
+        for level, band in zip(("fine", "coarse"), bands.split(values), strict=True):
+            arrays[f"{level}/{name}"] = _steps(band, steps[name], np.int8)
+    pigment = _steps(bands.split(_FURROW_SHADE * relief.furrow)[0], PIGMENT_STEP, np.int8)
+    arrays |= {"fine/pigment_light": pigment, "fine/pigment_deep": pigment}
+    arrays["nail"] = _steps(bands.coarse(smoothstep(relief.nail_rim, 0.97, 0.90)), NAIL_STEP, np.int8)
+    return arrays
+
+
+def _log_albedo(template: DetailTemplate, look: PersonLook, lines: PlaneImage, resolution: int) -> np.ndarray:
+    texels = AtlasTexels.of(template.corner_uv, template.faces, resolution)
+    chart = HandChart.at_texels(template, texels)
+    relief = drawn_relief(chart, look)
+    coarse = _Bands.of(texels).blurred
+    dorsal, palmar = coarse(relief.dorsal) * DORSAL_SHADE, coarse(relief.palmar) * PALMAR_SHADE
+    smooth = replace(relief, furrow=coarse(relief.furrow))
+    total = drawn_log_albedo(chart, smooth, lines, look) + fold_log_albedo(dorsal, palmar)
+    return texels.as_map(np.minimum(total, np.log(_MOST_ALBEDO)).astype(np.float32))
+
+
+def _vein(chart: HandChart, lines: PlaneImage) -> np.ndarray:
+    """Return where veins rise [N], in steps: on the back of hand and arm, and less on the arm's inside."""
+    up = smoothstep(chart.normals[:, 1], 0.1, 0.5) * (1 - chart.on_digit)
+    inner = 0.5 * smoothstep(-chart.normals[:, 1], 0.2, 0.7) * chart.arm
+    return _steps(lines.at(chart.points_mm) * np.maximum(up, inner), VEIN_STEP, np.int8).clip(0, 100)
+
+
+def _hair_share(template: DetailTemplate, look: PersonLook, base: np.ndarray) -> np.ndarray:
+    """Return where hairs grow [M, H]: as on the base, by patches of the person's own."""
+    centre = 1e3 * template.rest_vertices().numpy()[template.faces.numpy()].mean(1)
+    patches = SolidNoise.of(look.random(_HAIR)).smooth(centre.astype(np.float32), 12.0, 2)
+    share = base * (0.75 + 0.25 * patches.clip(-1, 1))[:, None]
+    return ((share / _HAIR_STEP).round() * _HAIR_STEP).clip(0, 1).astype(np.float32)
+
+
+class _Bands(NamedTuple):
+    """Splits a map into what is finer and what is coarser than networks resolve; 0 beside the skin.
+
+    Attributes:
+        texels: of the map.
+        share: [1, 1, n, n] of the coarse texels that is skin.
+    """
+
+    texels: AtlasTexels
+    share: torch.Tensor
+
+    @classmethod
+    def of(cls, texels: AtlasTexels) -> _Bands:
+        return cls(texels, avg_pool2d(_plane(texels, np.ones(len(texels.pixel), np.float32)), _COARSER))
+
+    def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Split values [T] into a fine map [N, N] and a coarse one [N / 4, N / 4]."""
+        small, wide = self._smooth(values, COARSEST_MM), self._smooth(values, WIDEST_MM)
+        coarse = ((small - wide) * (self.share > 0.5))[0, 0].numpy()
+        fine = np.zeros(self.texels.resolution**2, np.float32)
+        fine[self.texels.pixel] = values - self._at_texels(small)
+        return fine.reshape(self.texels.resolution, -1), coarse
+
+    def blurred(self, values: np.ndarray) -> np.ndarray:
+        """Blur values [T] to what networks resolve."""
+        return self._at_texels(self._smooth(values, COARSEST_MM))
+
+    def coarse(self, values: np.ndarray) -> np.ndarray:
+        """Average values [T] over the coarse texels [N / 4, N / 4]."""
+        return avg_pool2d(_plane(self.texels, values), _COARSER)[0, 0].numpy()
+
+    def _smooth(self, values: np.ndarray, deviation_mm: float) -> torch.Tensor:
+        deviation = deviation_mm * self.share.shape[-1] / ATLAS_MM
+        sums = _gaussian(avg_pool2d(_plane(self.texels, values), _COARSER), deviation)
+        return sums / _gaussian(self.share, deviation).clamp(min=1e-4)
+
+    def _at_texels(self, coarse: torch.Tensor) -> np.ndarray:
+        size = (self.texels.resolution,) * 2
+        return interpolate(coarse, size=size, mode="bilinear")[0, 0].numpy().ravel()[self.texels.pixel]
+
+
+def _plane(texels: AtlasTexels, values: np.ndarray) -> torch.Tensor:
+    image = np.zeros(texels.resolution**2, np.float32)
+    image[texels.pixel] = values
+    return torch.from_numpy(image.reshape(1, 1, texels.resolution, -1))
+
+
+def _gaussian(image: torch.Tensor, deviation: float) -> torch.Tensor:
+    reach = int(3 * deviation + 1)
+    weight = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / deviation) ** 2)
+    weight = weight / weight.sum()
+    along = conv2d(image, weight.reshape(1, 1, 1, -1), padding=(0, reach))
+    return conv2d(along, weight.reshape(1, 1, -1, 1), padding=(reach, 0))
+
+
+def _steps(values: np.ndarray, step: float, kind: type[np.signedinteger]) -> np.ndarray:
+    limit = np.iinfo(kind).max
+    return np.round(values / step).clip(-limit, limit).astype(kind)

@@ -1,0 +1,165 @@
+"""The albedo of an invented person's skin: pigment and blood by place, veins, freckles, spots, and nails.
+
+Pigments absorb exponentially, so that all of it adds up in logarithms. Colours are linear Rec.709.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .drawn_relief import DrawnRelief
+from .hand_chart import THUMB, HandChart, bump, smoothstep
+from .look import PersonLook
+from .skin_lines import PlaneImage, plane
+from .solid_noise import SolidNoise
+
+BLOOD = np.float32([-0.03, -0.40, -0.43])
+"""By which blood of 1 more changes the logarithm of albedo."""
+_YELLOW = np.float32([0.0, -0.05, -0.36])
+_VEIN = np.float32([-0.26, -0.06, 0.06])
+_BACK = np.float32([[0.590, 0.338, 0.232], [0.118, 0.0445, 0.0215]])  # of a light and of a deep skin
+_PALM = np.float32([[0.735, 0.500, 0.415], [0.455, 0.228, 0.131]])
+_ARM = np.float32([[0.500, 0.290, 0.195], [0.112, 0.042, 0.0205]])
+_NAIL = {
+    "bed": np.float32([[0.700, 0.420, 0.360], [0.350, 0.185, 0.132]]),
+    "moon": np.float32([[0.760, 0.580, 0.510], [0.470, 0.330, 0.265]]),
+    "flush": np.float32([[0.620, 0.310, 0.260], [0.280, 0.130, 0.088]]),
+    "free": np.float32([[0.800, 0.730, 0.620], [0.600, 0.520, 0.420]]),
+    "cuticle": np.float32([[0.700, 0.465, 0.370], [0.180, 0.080, 0.045]]),
+}
+_SPOT = np.float32([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]])  # of a freckle at its darkest
+_FOLD = np.float32([-0.45, -0.65, -0.60])
+_MOON = np.float32([0.55, 0.5, 0.1, 0.3, 1.0])  # how large half-moons are, by digit
+_HALF_NAIL_MM = np.float32([5.5, 6.1, 5.6, 6.0, 7.2])  # from its middle to its free end, by digit
+_BLOOD_PURPOSE, _SPOT_PURPOSE = 21, 22
+
+
+def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, look: PersonLook) -> np.ndarray:
+    """Draw the logarithm [T, 3] of the albedo, without what is finer than the relief's folds' own shade."""
+    noise = SolidNoise.of(look.random(_BLOOD_PURPOSE))
+    outer = _mixed(look, _BACK) + chart.arm[:, None] * (_mixed(look, _ARM) - _mixed(look, _BACK))
+    palm = (0.9 * chart.palm)[:, None]
+    skin = outer + palm * (_mixed(look, _PALM) - outer)
+    blood = look.blood - 1 + _blood(chart, noise, look)
+    skin = skin + blood[:, None] * BLOOD + _yellow(chart, noise, look)[:, None] * _YELLOW
+    skin = skin + _pigment(chart, noise, look)[:, None] * np.float32([-0.55, -0.8, -1.0])
+    skin = skin + (_vein(chart, veins) * (1 - 0.75 * min(look.tone, 1.0)))[:, None] * _VEIN
+    skin = skin + _spots(chart, look)[:, None] * _mixed_linear(look, _SPOT)
+    skin = skin + relief.furrow[:, None] * np.float32([-0.10, -0.16, -0.18])
+    return _with_nails(chart, relief.nail_rim, noise, look, skin)
+
+
+def fold_log_albedo(dorsal: np.ndarray, palmar: np.ndarray) -> np.ndarray:
+    """Compute by how much [T, 3] folds are darker than the skin beside them."""
+    return (dorsal + palmar)[:, None] * _FOLD
+
+
+def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
+    """Compute how much redder [T] the skin is than its mean: joints, tips and edges, and patches of three sizes."""
+    random = look.random(_BLOOD_PURPOSE + 100)
+    own = random.uniform(0.7, 1.3, 8)
+    joint, d, r = chart.from_joint_mm, *plane(chart.points_mm).T
+    dorsal = smoothstep(chart.height, -0.1, 0.6)
+    fingers = chart.on_digit * dorsal
+    knuckles = bump(joint[:, 0] - 1, 7.0) * bump(chart.lateral, 7.0) * (1 - chart.palm) * (chart.digit != THUMB)
+    of_joints = 0.55 * own[0] * bump(joint[:, 1], 5.5) + 0.45 * own[1] * bump(joint[:, 2], 4.5)
+    tips = smoothstep(chart.along - chart.length[chart.digit], -17.0, -5.0) * chart.on_digit
+    thenar = bump(np.hypot((d - 34) / 24, (r - 24) / 15), 0.6)
+    ulnar = smoothstep(-r, 20.0, 34.0) * smoothstep(d, -5.0, 18.0) * smoothstep(d, 84.0, 62.0)
+    pads = bump(d - 80, 7.0) * smoothstep(np.abs(r), 40.0, 30.0)
+    hollow = bump(np.hypot((d - 48) / 22, (r + 4) / 13), 0.6)
+    on_palm = (1 - chart.on_digit) * chart.palm * (1 - chart.arm)
+    palm = on_palm * (0.40 * own[2] * thenar + 0.60 * own[3] * ulnar + 0.35 * own[4] * pads - 0.45 * own[5] * hollow)
+    back = 0.50 * own[6] * knuckles + fingers * of_joints + 0.55 * own[7] * tips
+    web = 0.2 * bump(joint[:, 0] - 20, 7.0) * (1 - dorsal)
+    points, mottle = chart.points_mm, 0.16
+    patches = (
+        0.20 * noise.smooth(points, 42.0, 1)
+        + mottle * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
+        + 0.5 * mottle * noise.smooth(points[:, [2, 0, 1]], 5.0, 2)
+    )
+    calm = 1 - 0.45 * chart.arm
+    return back + palm + web + calm * patches - 0.16
+
+
+def _yellow(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
+    """Compute how much yellower [T]: patches, thick skin at the fingers' roots, and age."""
+    d = plane(chart.points_mm)[:, 0]
+    thick = chart.palm * (bump(d - 84, 6.0) * (1 - chart.on_digit) + 0.4 * chart.on_digit)
+    return (
+        (0.24 - 0.06 * chart.palm) * noise.smooth(chart.points_mm[:, [0, 2, 1]], 24.0, 2)
+        + 0.3 * thick
+        + 0.15 * look.aged
+    )
+
+
+def _pigment(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
+    """Compute how much more pigment [T]: soft patches, darker joints; half as much on the arm, and none in the palm."""
+    patches = 0.07 * noise.smooth(chart.points_mm[:, [1, 0, 2]], 11.0, 2)
+    joint = chart.from_joint_mm
+    over = chart.on_digit * smoothstep(chart.height, 0.1, 0.7) * (bump(joint[:, 1], 6.0) + 0.6 * bump(joint[:, 2], 4.5))
+    return (1 - 0.8 * chart.palm) * ((1 - 0.5 * chart.arm) * patches + (0.05 + 0.22 * min(look.tone, 1.0)) * over)
+
+
+def _vein(chart: HandChart, veins: PlaneImage) -> np.ndarray:
+    up = smoothstep(chart.normals[:, 1], 0.05, 0.5) * (1 - chart.on_digit)
+    down = 0.6 * smoothstep(-chart.normals[:, 1], 0.2, 0.7) * smoothstep(-plane(chart.points_mm)[:, 0], -4.0, 8.0)
+    return veins.at(chart.points_mm) * np.maximum(up, down)
+
+
+def _spots(chart: HandChart, look: PersonLook) -> np.ndarray:
+    """Compute how dark [T] freckles, spots of age, and a few moles are, 1 at a freckle's darkest."""
+    noise, total = SolidNoise.of(look.random(_SPOT_PURPOSE)), np.zeros(len(chart.palm), np.float32)
+    at = (chart.palm < 0.6).nonzero()[0]
+    points = chart.points_mm[at]
+    edge = np.float32(0.12) * noise.smooth(points, 1.2, 2)
+    sun = smoothstep(noise.smooth(points, 40.0, 1), -1.2, 1.2) * (1 - chart.palm[at]) * (1 - 0.6 * chart.on_digit[at])
+    aged = look.aged
+    kinds = (
+        (1.7, 0.10 + 0.12 * look.freckles, 0.6 * look.freckles, (0.25, 0.70)),
+        (8.0, 0.5 * aged, 0.8 * min(look.freckles, 1.5) * aged, (1.0, 3.0)),
+        (12.0, 0.2, 2.2, (0.5, 1.0)),
+    )
+    for index, (size, share, strength, (least, most)) in enumerate(kinds):
+        cells = noise.cells(points + np.float32(31.7 * index), (size,) * 3)
+        radius = least + (most - least) * cells.chance[:, 1] ** 2
+        inside = smoothstep(size * cells.distance / radius + edge, 1.15, 0.6)
+        present = cells.chance[:, 0] < share * (sun if index < 2 else 1)
+        total[at] += np.float32(min(strength, 2.2)) * inside * present * (0.5 + 0.5 * cells.chance[:, 2])
+    return total.clip(0, 2.2)
+
+
+def _with_nails(chart: HandChart, rim: np.ndarray, noise: SolidNoise, look: PersonLook, skin: np.ndarray) -> np.ndarray:
+    """Colour nails: bed, half-moon, flush before the free edge, the edge itself, and the cuticle on the plate."""
+    colours = {name: _mixed(look, pair) for name, pair in _NAIL.items()}
+    at = (rim < 1.35).nonzero()[0]
+    along, across, near = chart.nail_along[at], chart.nail_across[at], rim[at]
+    streaks = noise.smooth(np.stack([0.15 * along, across, chart.digit[at]], 1).astype(np.float32) * 8, 3.0, 2)
+    bed = colours["bed"] + (0.10 * streaks + 0.12 * smoothstep(near, 0.6, 0.98))[:, None] * BLOOD
+    reach = 0.41 * _MOON[chart.digit[at]] - 0.93
+    moon = smoothstep(along + 0.35 * across**2 - reach, 0.07, -0.07)
+    nail = _towards(bed, colours["moon"], 0.8 * moon)
+    half_mm = _HALF_NAIL_MM[chart.digit[at]]
+    free = 1 - (look.nails + 0.25) / half_mm - 0.16 * across**2
+    nail = _towards(nail, colours["flush"], 0.6 * bump(along - free + 0.10, 0.07))
+    nail = _towards(nail, colours["free"], 0.9 * smoothstep(along - free + 0.02 * streaks, -0.03, 0.03))
+    nail = nail + np.float32(0.5 * look.aged) * (0.3 * _YELLOW + np.float32([-0.06, -0.06, -0.06]))
+    cuticle = smoothstep(near, 0.90, 0.97) * smoothstep(along, 0.0, -0.5)
+    nail = _towards(nail, colours["cuticle"], 0.6 * cuticle)
+    flesh = skin[at] + (bump(near - 1.12, 0.08) * smoothstep(along, 1.1, 0.7) * 0.35)[:, None] * BLOOD
+    coloured = skin.copy()
+    coloured[at] = _towards(flesh, nail, smoothstep(near, 1.015, 0.965))
+    return coloured
+
+
+def _towards(start: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
+    return start + share[:, None].astype(np.float32) * (end - start)
+
+
+def _mixed(look: PersonLook, light_and_deep: np.ndarray) -> np.ndarray:
+    """Mix two colours [2, 3] by the person's tone; returns the logarithm [3]."""
+    return _mixed_linear(look, np.log(light_and_deep))
+
+
+def _mixed_linear(look: PersonLook, light_and_deep: np.ndarray) -> np.ndarray:
+    return ((1 - look.tone) * light_and_deep[0] + look.tone * light_and_deep[1]).astype(np.float32)

@@ -1,0 +1,134 @@
+"""The numbers that an invented person is made of, what they mean, and what they may be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...capture.person import Person
+from ...records.errors import LiveHandError
+
+
+class NumberSpec(NamedTuple):
+    """One number of a person.
+
+    Attributes:
+        low, high: limits, both allowed.
+        usual: of a young adult.
+        meaning: for users.
+    """
+
+    low: float
+    high: float
+    usual: float
+    meaning: str
+
+
+NUMBERS = {
+    "age": NumberSpec(18, 90, 30, "years: folds, leather, veins, spots and yellow nails"),
+    "tone": NumberSpec(0, 1.2, 0.1, "pigment of the skin, 0 light to 1 deep"),
+    "blood": NumberSpec(0, 2, 1, "how red the skin is; 1 is usual"),
+    "veins": NumberSpec(0, 1, 0.25, "height of the veins, mm"),
+    "freckles": NumberSpec(0, 3, 0.5, "strength of freckles and spots; 1 is usual"),
+    "folds": NumberSpec(0, 2, 1, "depth of folds and creases; 1 is a young adult's"),
+    "hair": NumberSpec(0, 3, 1, "hairs on hand and arm, 0 none; 1 is usual"),
+    "nails": NumberSpec(0, 2.5, 1, "nails' free edge, mm"),
+}
+"""By name: the numbers of `PersonLook` beside the seed."""
+MOST_SEED = 2**31 - 1
+_YOUNG, _OLD = 25.0, 80.0
+_SHAPE_DEVIATION, _MOST_SHAPE = 0.6, 1.5
+
+
+@dataclass(frozen=True)
+class PersonLook:
+    """An invented person.
+
+    Attributes:
+        seed: of everything that no number says: lines, cells, spots, blood, shape.
+        age, tone, blood, veins, freckles, folds, hair, nails: as in `NUMBERS`.
+    """
+
+    seed: int
+    age: float
+    tone: float
+    blood: float
+    veins: float
+    freckles: float
+    folds: float
+    hair: float
+    nails: float
+
+    @classmethod
+    def of(cls, seed: int, given: dict[str, float | None]) -> PersonLook:
+        """Complete what is given: what is not is drawn from the seed, by the age.
+
+        Args:
+            seed: of the person.
+            given: numbers by the names of `NUMBERS`; None: drawn.
+
+        Raises:
+            LiveHandError: one is no number, or beyond its limits.
+        """
+        if not isinstance(seed, int) or not 0 <= seed <= MOST_SEED:
+            raise LiveHandError(f"the seed must be a whole number from 0 to {MOST_SEED}, got {seed!r}")
+        numbers = {name: _checked(name, value) for name, value in given.items() if value is not None}
+        return cls(seed, **{**_drawn(seed, numbers), **numbers})
+
+    @property
+    def aged(self) -> float:
+        """How old the skin is, 0 at 25 years to 1 at 80."""
+        return float(np.clip((self.age - _YOUNG) / (_OLD - _YOUNG), 0, 1))
+
+    def random(self, purpose: int) -> np.random.Generator:
+        """Return the person's own random numbers for one purpose; others do not change them."""
+        return np.random.default_rng([self.seed, purpose])
+
+    def person(self) -> Person:
+        """Return the numbers of the person's surface."""
+        shape = self.random(0).normal(0, _SHAPE_DEVIATION, 10).clip(-_MOST_SHAPE, _MOST_SHAPE)
+        return Person(
+            melanin=self.tone,
+            blood=self.blood,
+            veins_mm=self.veins,
+            folds=self.folds,
+            freckles=self.freckles,
+            beta=tuple(float(value) for value in shape.round(3)),
+        )
+
+    def facts(self) -> dict[str, Any]:
+        """Write out the numbers, for the file."""
+        return asdict(self)
+
+
+def _checked(name: str, value: float) -> float:
+    spec = NUMBERS[name]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise LiveHandError(
+            f"{name} must be a number from {spec.low:g} to {spec.high:g} ({spec.meaning}), got {value!r}"
+        )
+    if not spec.low <= value <= spec.high:
+        raise LiveHandError(
+            f"{name} must be from {spec.low:g} to {spec.high:g} ({spec.meaning}), got {value:g}; give one within"
+        )
+    return float(value)
+
+
+def _drawn(seed: int, given: dict[str, float]) -> dict[str, float]:
+    random = np.random.default_rng([seed, 1])
+    age, tone, chance = random.uniform(20, 75), random.choice([0.05, 0.3, 0.6, 1.0]), random.random(6)
+    aged = (given.get("age", age) - _YOUNG) / (_OLD - _YOUNG)
+    drawn = {
+        "age": age,
+        "tone": tone + random.normal(0, 0.04),
+        "blood": 0.8 + 0.4 * chance[0],
+        "veins": 0.12 + 0.2 * chance[1] + 0.3 * max(aged, 0),
+        "freckles": 1.2 * chance[2] ** 2 + 0.9 * max(aged, 0),
+        "folds": 0.8 + 0.2 * chance[3] + 0.7 * max(aged, 0),
+        "hair": 2.0 * chance[4] ** 2,
+        "nails": 0.5 + 1.0 * chance[5],
+    }
+    return {name: round(float(np.clip(drawn[name], spec.low, spec.high)), 3) for name, spec in NUMBERS.items()}

@@ -1,0 +1,56 @@
+"""What is stored of a drawn person: arrays that surfaces take, bands, and a ratio that brings the albedo."""
+
+import numpy as np
+import pytest
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.person.invented.drawing import AtlasSizes, drawn_person
+from livehand.backend.person.invented.look import PersonLook
+from livehand.backend.person.invented.new_person import albedo_ratio_arrays
+from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
+from livehand.backend.surface.base_surface import HAIR_FILE, base_arrays
+from livehand.backend.surface.stored_surface import check_arrays
+
+SIZES = AtlasSizes(fine=512, ratio=256)
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    look = PersonLook.of(7, {"age": 35.0, "tone": 0.1})
+    return drawn_person(load_default_hand(), look, base_arrays(HAIR_FILE), SIZES)
+
+
+def test_surfaces_take_the_arrays(drawn):
+    ratio = albedo_ratio_arrays(drawn.log_albedo, np.full((64, 64, 3), 0.3, np.float32))
+    check_arrays({**drawn.arrays, **ratio}, "it", 4, is_whole=False)
+    assert drawn.arrays["fine/relief"].shape == (512, 512)
+    assert drawn.arrays["coarse/relief"].shape == drawn.arrays["nail"].shape == (128, 128)
+
+
+def test_what_is_drawn_is_there(drawn):
+    for name in ("fine/relief", "coarse/relief", "fine/dorsal", "coarse/palmar", "vein", "nail"):
+        assert np.abs(drawn.arrays[name].astype(int)).max() > 20, name
+    assert np.array_equal(drawn.arrays["fine/pigment_light"], drawn.arrays["fine/pigment_deep"])
+    assert "coarse/pigment_light" not in drawn.arrays  # what the base's own rays pass over
+
+
+def test_fine_maps_have_no_mean_and_end_with_the_skin(drawn, texels):
+    fine = drawn.arrays["fine/relief"].astype(float).ravel()
+    beside = np.ones(len(fine), bool)
+    beside[texels.pixel] = False
+    assert (fine[beside] == 0).all()
+    assert abs(fine[texels.pixel].mean()) < 0.1 * fine[texels.pixel].std()
+
+
+def test_the_ratio_times_the_networks_colour_is_the_drawn_one():
+    random = np.random.default_rng(1)
+    wanted = np.log(random.uniform(0.1, 0.6, (128, 128, 3))).astype(np.float32)
+    networks = np.full((64, 64, 3), 0.25, np.float32)
+    steps = albedo_ratio_arrays(wanted, networks)[RATIO_ARRAY].astype(float)
+    np.testing.assert_allclose(np.exp(steps * RATIO_STEP) * 0.25, np.exp(wanted), rtol=RATIO_STEP)
+
+
+def test_hair_is_where_it_was_but_not_as_dense(drawn):
+    base = base_arrays(HAIR_FILE)["hair/share"]
+    share = drawn.arrays["hair/share"]
+    assert share[base == 0].max() == 0
+    assert 0.5 * base.mean() < share.mean() < base.mean()
