@@ -29,6 +29,7 @@ from ..backend.evaluation.perceptual.fetch_command import COMMAND as FETCH_PERCE
 from ..backend.evaluation.sheet_command import COMMAND as SHEET
 from ..backend.motion.document import SUFFIXES as POSE_FILES
 from ..backend.person.command import COMMAND as PERSON
+from ..backend.person.invented.adjust_command import COMMAND as ADJUST_PERSON
 from ..backend.person.invented.command import COMMAND as NEW_PERSON
 from ..backend.records.errors import LiveHandError
 from ..backend.render.thumbnail_command import COMMAND as THUMBNAIL
@@ -147,6 +148,7 @@ COMMANDS: dict[str, Command] = {
         TRAIN,
         PERSON,
         NEW_PERSON,
+        ADJUST_PERSON,
         EVALUATE,
         WARM_UP,
         SHEET,

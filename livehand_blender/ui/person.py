@@ -7,17 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...backend.person.command import start_person
+from ...backend.person.invented.adjust_command import start_adjusting
 from ...backend.person.invented.command import start_new_person
-from ...backend.person.invented.look import MOST_SEED, NUMBERS
+from ...backend.person.invented.look import ADJUSTABLE, MOST_SEED, NUMBERS, PERSON_NUMBERS
 from ...backend.person.kept_steps import remove_work
 from ...backend.person.sources import FILM_SUFFIXES
 from ...backend.system.child_job import ChildJob
 from ...backend.system.packages import PICTURES, missing_of, missing_requirements
-from ..render.hand_source import set_avatar
+from ..render.hand_source import hand_source, set_avatar
 from ..rig.hand import active_hand
 from .jobs import RunsJob
 from .mixins import NeedsTracker
@@ -99,6 +100,81 @@ def _slider(name: str) -> Any:
     )
 
 
+def _is_adjusted(name: str) -> Any:
+    """Make the property that tells whether a number is changed."""
+    return BoolProperty(name=f"Change {name.capitalize()}", description="Off: as it is")
+
+
+class LIVEHAND_OT_adjust_person(RunsJob, bpy.types.Operator):
+    """Give the active hand's person another tone, age or hair, in an avatar of its own."""
+
+    bl_idname = "livehand.adjust_person"
+    bl_label = "Adjust Person"
+    bl_options = {"REGISTER"}
+
+    age: _slider("age")
+    tone: _slider("tone")
+    blood: _slider("blood")
+    veins: _slider("veins")
+    folds: _slider("folds")
+    hair: _slider("hair")
+    with_age: _is_adjusted("age")
+    with_tone: _is_adjusted("tone")
+    with_blood: _is_adjusted("blood")
+    with_veins: _is_adjusted("veins")
+    with_folds: _is_adjusted("folds")
+    with_hair: _is_adjusted("hair")
+
+    @classmethod
+    def poll(cls, context):
+        """Enable it for a hand, once packages are there."""
+        if active_hand(context) is None:
+            cls.poll_message_set("Select a hand")
+            return False
+        if missing_requirements():
+            cls.poll_message_set("Python packages are missing: press Install Packages")
+            return False
+        return True
+
+    def invoke(self, context, event):
+        """Ask for the numbers, from those of the person."""
+        from ...backend.avatars.file import read_header
+
+        surface = read_header(hand_source(active_hand(context)).avatar_path).get("surface")
+        if surface is None:
+            self.report({"ERROR"}, "The hand's avatar has no surface to adjust")
+            return {"CANCELLED"}
+        for name, attribute in PERSON_NUMBERS.items():
+            setattr(self, name, surface["person"][attribute])
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, context):
+        """Draw a slider for each number, beside whether it is changed."""
+        for name in ADJUSTABLE:
+            row = self.layout.row()
+            row.prop(self, f"with_{name}", text="")
+            slider = row.row()
+            slider.enabled = getattr(self, f"with_{name}")
+            slider.prop(self, name, slider=True)
+
+    def start(self, context: bpy.types.Context) -> ChildJob:
+        """Start the command, which writes a new avatar."""
+        source = hand_source(active_hand(context)).avatar_path
+        self._output = _free_path(library_folder(context), source.stem)
+        changed = [name for name in ADJUSTABLE if getattr(self, f"with_{name}")]
+        numbers = [word for name in changed for word in (f"--{name}", str(round(getattr(self, name), 4)))]
+        return start_adjusting([str(source), "-o", str(self._output), *numbers])
+
+    def take(self, context: bpy.types.Context, job: ChildJob) -> None:
+        """Let the active hand wear the avatar, in one step of undo."""
+        job.result()
+        armature = active_hand(context)
+        if armature is not None:
+            set_avatar(armature, self._output)
+            bpy.ops.ed.undo_push(message=self.bl_label)
+        self.report({"INFO"}, f"{self._output.stem} is in Choose Avatar")
+
+
 class LIVEHAND_OT_new_person(RunsJob, bpy.types.Operator):
     """Make an avatar of an invented person from a few numbers; no one else has their creases, spots and veins."""
 
@@ -156,7 +232,9 @@ class LIVEHAND_OT_new_person(RunsJob, bpy.types.Operator):
 
 def draw_person(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Draw the buttons, or how to install what pictures need."""
-    layout.operator("livehand.new_person", icon="ADD")
+    row = layout.row(align=True)
+    row.operator("livehand.new_person", icon="ADD")
+    row.operator("livehand.adjust_person", icon="MODIFIER")
     if missing_of(PICTURES):
         layout.label(text="From Film or Photographs:")
         draw_packages(layout, context, "PICTURES")
@@ -176,4 +254,4 @@ def _free_path(folder: Path, name: str) -> Path:
     return next(path for path in paths if not path.exists())
 
 
-CLASSES = (LIVEHAND_OT_person_from_pictures, LIVEHAND_OT_new_person)
+CLASSES = (LIVEHAND_OT_person_from_pictures, LIVEHAND_OT_new_person, LIVEHAND_OT_adjust_person)

@@ -158,6 +158,7 @@ def test_a_hand_shows_its_avatar_and_a_choice():
         "LiveHand",
         "LIVEHAND_PT_choose_avatar",
         "livehand.new_person",
+        "livehand.adjust_person",
         "livehand.person_from_pictures",
     ]
     offered = draw(avatars.LIVEHAND_PT_choose_avatar)

@@ -61,6 +61,14 @@ def test_the_active_hand_wears_the_new_avatar(ends_with, tmp_path):
     assert float(arguments[arguments.index("--length-mm") + 1]) == 188
 
 
+def test_a_person_is_adjusted_by_what_is_switched_on(ends_with, tmp_path, monkeypatch):
+    ends_with({})
+    monkeypatch.setattr(person, "start_adjusting", person.start_person)
+    assert bpy.ops.livehand.adjust_person("EXEC_DEFAULT", tone=0.7, with_tone=True, hair=2.0) == {"FINISHED"}
+    assert FakeJob.started[FakeJob.started.index("--tone") :] == ["--tone", "0.7"]
+    assert hand_source(active_hand(bpy.context)).avatar_path.parent == tmp_path
+
+
 def test_a_name_that_is_taken_gets_a_number(ends_with, tmp_path):
     (tmp_path / "Anna.safetensors").touch()
     ends_with({"seen": 0.7, "notes": []})

@@ -38,6 +38,10 @@ NUMBERS = {
     "nails": NumberSpec(0, 2.5, 1, "nails' free edge, mm"),
 }
 """By name: the numbers of `PersonLook` beside the seed."""
+ADJUSTABLE = ("age", "tone", "blood", "veins", "folds", "hair")
+"""Of them, those that can be changed of a person who is there."""
+PERSON_NUMBERS = {"tone": "melanin", "blood": "blood", "veins": "veins_mm", "folds": "folds"}
+"""The attributes of `Person` that hold them."""
 MOST_SEED = 2**31 - 1
 _YOUNG, _OLD = 25.0, 80.0
 _SHAPE_DEVIATION, _MOST_SHAPE = 0.6, 1.5
@@ -75,7 +79,7 @@ class PersonLook:
         """
         if not isinstance(seed, int) or not 0 <= seed <= MOST_SEED:
             raise LiveHandError(f"the seed must be a whole number from 0 to {MOST_SEED}, got {seed!r}")
-        numbers = {name: _checked(name, value) for name, value in given.items() if value is not None}
+        numbers = {name: checked_number(name, value) for name, value in given.items() if value is not None}
         return cls(seed, **{**_drawn(seed, numbers), **numbers})
 
     @property
@@ -104,7 +108,14 @@ class PersonLook:
         return asdict(self)
 
 
-def _checked(name: str, value: float) -> float:
+def numbers_of_age(age: float) -> dict[str, float]:
+    """Tell the folds and veins that are usual at an age."""
+    aged = max((age - _YOUNG) / (_OLD - _YOUNG), 0)
+    return {"folds": 0.9 + 0.7 * aged, "veins": 0.22 + 0.3 * aged}
+
+
+def checked_number(name: str, value: float) -> float:
+    """Return one of `NUMBERS`; raises LiveHandError if it is no number, or beyond its limits."""
     spec = NUMBERS[name]
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise LiveHandError(
