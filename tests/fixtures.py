@@ -1,9 +1,9 @@
 """What several test files share: posed hands, spheres, views, an exact search, a painted capture, a dead process."""
 
-import signal
+import hashlib
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -31,11 +31,35 @@ from livehand.backend.hand.topology import Skinning, topology_of
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.light import Lamp, Light, Sky
 from livehand.backend.records.shot import HandPose
+from livehand.backend.surface.detail_maps import DetailMaps
 from livehand.backend.surface.detail_mesh import DetailTemplate, detail_mesh
 from livehand.backend.surface.detail_surface import load_detail_surface
-from livehand.backend.system.process_end import end_process
 from livehand.tools.builtin_hand import TEMPLATE
 from PIL import Image
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _detail_maps_are_made_once():
+    """A person's, which every renderer of an avatar with a surface makes: they are most of its first frame's time."""
+    made, make = {}, DetailMaps.of
+
+    def once(detail, look, device="cpu"):
+        key = digest_of(detail), look, str(device)
+        if key not in made:
+            made[key] = make(detail, look, device)
+        return made[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DetailMaps, "of", staticmethod(once))
+        yield
+
+
+def digest_of(record):
+    """The digest of all arrays in nested dataclasses."""
+    if isinstance(record, np.ndarray):
+        return f"{record.dtype} {record.shape}".encode() + hashlib.blake2b(np.ascontiguousarray(record)).digest()
+    values = [getattr(record, one.name) for one in fields(record)] if is_dataclass(record) else tuple(record)
+    return b"".join(digest_of(value) for value in values)
 
 
 @pytest.fixture(scope="session")
@@ -46,30 +70,10 @@ def dead_pid():
     return process.pid
 
 
-def pytest_configure():
-    """Give this process and its children the signals of a program in the foreground, however the tests were started."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    if hasattr(signal, "SIGHUP"):
-        signal.signal(signal.SIGHUP, signal.SIG_DFL)
-
-
-def pytest_sessionfinish(session, exitstatus):
-    """Keep the exit status for `pytest_unconfigure`."""
-    session.config.stash[EXIT_STATUS] = int(exitstatus)
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_unconfigure(config):
-    """End the process as the program does: Blender's own end may wait for ever."""
-    if "bpy" in sys.modules and EXIT_STATUS in config.stash:
-        end_process(config.stash[EXIT_STATUS])
-
-
 SIZE = (24, 32)
 SKY = Light(sky=Sky(np.full((4, 8, 3), 0.3)))
 SUN = Light((Lamp("sun", np.array([3.0, 3, 3]), rotation=np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])),))  # along +Y
 SLAB = np.array([[[-1.0, -0.3, -1], [1, -0.3, -1], [0, -0.3, 2]]])
-EXIT_STATUS = pytest.StashKey[int]()
 
 
 def warp_backend():
