@@ -35,6 +35,8 @@ demo: $(VENV)/demo.stamp
 # One torch thread a process: two processes of two threads wait for each other on two cores (8.2 instead of 1.9 processor minutes
 # for the tests of rigs and persons).
 test test-fast test-nightly: export OMP_NUM_THREADS := 1
+# Without bytecode each of some hundred processes compiles all our modules, and rewrites the assertions of all tests.
+unexport PYTHONDONTWRITEBYTECODE
 
 test: $(VENV)/dev.stamp
 	$(VENV_PYTHON) -m pytest -q $(SHARED) --durations=10

@@ -47,12 +47,14 @@ def test_planted_starts_are_found(source, lines):
     assert unsafe_starts(source) == lines
 
 
+@pytest.mark.slow
 def test_every_start_of_a_python_is_safe():
     found = {str(path.relative_to(ROOT)): unsafe_starts(path.read_text(encoding="utf-8")) for path in STARTING}
     assert {name: len(lines) for name, lines in found.items() if lines} == EXEMPT, found
     assert len(STARTING) > 300
 
 
+@pytest.mark.slow
 def test_no_python_is_started_by_its_name():
     """As in `python -m pip`, which the system looks up, on Windows in the current folder first."""
     for path in STARTING:

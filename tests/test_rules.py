@@ -155,6 +155,7 @@ def differences(found, baseline):
     return sorted(new) + sorted(gone)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", RULES)
 def test_no_rule_is_broken_anew_and_the_baseline_shrinks(rule):
     assert differences(RULES[rule](ROOT), json.loads(BASELINE.read_text(encoding="utf-8"))[rule]) == []

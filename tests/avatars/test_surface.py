@@ -160,6 +160,7 @@ def test_broken_surfaces_are_refused(save, middle, break_it, message):
         load_avatar(resaved(path, break_it))
 
 
+@pytest.mark.slow
 def test_a_surface_of_another_hand_is_refused(save, middle):
     path = save(whole_surface(middle))
     with pytest.raises(LiveHandError, match=r"the surface must lie on the avatar's hand .* got one of hand abab"):

@@ -53,6 +53,7 @@ def test_a_frame_of_another_size_is_an_error(frame):
         check_frame(frame, (6, 21))
 
 
+@pytest.mark.slow
 def test_every_truncation_is_detected(frame):
     whole = frame.read_bytes()
     for length in range(len(whole)):

@@ -327,7 +327,13 @@ def test_a_shot_with_drivers_that_python_evaluates_ends_with_its_last_line(hand_
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 130), (signal.SIGHUP, 130), (signal.SIGKILL, -9)]
+    ("number", "code"),
+    [
+        (signal.SIGINT, 130),
+        (signal.SIGKILL, -9),
+        pytest.param(signal.SIGTERM, 130, marks=pytest.mark.nightly),
+        pytest.param(signal.SIGHUP, 130, marks=pytest.mark.nightly),
+    ],
 )
 def test_workers_end_with_their_parent(program, tmp_path, number, code):
     process = program("--frames", "1-200", "--jobs", "2", seconds=0.1)

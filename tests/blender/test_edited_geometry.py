@@ -74,7 +74,15 @@ def pull_with_the_cursor(mesh):
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
-@pytest.mark.parametrize("name", ["draw_claws", "swell_fingers", "twist", "edit mode"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "twist",
+        "edit mode",
+        pytest.param("draw_claws", marks=pytest.mark.nightly),
+        pytest.param("swell_fingers", marks=pytest.mark.nightly),
+    ],
+)
 def test_an_edited_hand_is_rendered_as_edited(stage, edits, name):
     mesh, coverage = stage
     before, plain = coverage("LIVEHAND"), coverage("CYCLES")

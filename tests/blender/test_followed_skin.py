@@ -43,7 +43,16 @@ def made(other_rigs, model):
     return other_rigs.make_rigged_hand(model.side)
 
 
-@pytest.mark.parametrize("way", ["live", "baked"])
+@pytest.mark.parametrize(
+    ("model", "way"),
+    [
+        ("right", "live"),
+        ("left", "baked"),
+        pytest.param("left", "live", marks=pytest.mark.nightly),
+        pytest.param("right", "baked", marks=pytest.mark.nightly),
+    ],
+    indirect=["model"],
+)
 def test_the_skin_of_the_followed_rig_is_left_out(made, model, way):
     ours = add_hand(bpy.context, model)
     egg = egg_in(made.mesh)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("side", ["right", pytest.param("left", marks=pytest.mark.nightly)])
 def test_exported_files_have_the_same_motion(other_rigs, tmp_path, side):
     hand = other_rigs.make_rigged_hand(side)
     frames = hand.animate()

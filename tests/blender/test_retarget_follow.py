@@ -20,6 +20,8 @@ from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
 from livehand.tools.builtin_hand import TEMPLATE
 
 MOST_M, MEAN_M = 0.005, 0.003  # between our fingertips and the source's
+# What is the same for both.
+ONE_SIDE = pytest.mark.parametrize("model", ["right"], indirect=True)
 
 
 def our_tips(hand):
@@ -56,8 +58,33 @@ def moving(other_rigs, model):
     return made, frames, ours
 
 
-@pytest.mark.parametrize("kind", ["as made", "glb", "fbx"])
-@pytest.mark.parametrize("way", ["live", "baked"])
+NIGHTLY = pytest.mark.nightly
+
+
+@pytest.mark.parametrize(
+    ("model", "way", "kind"),
+    [
+        # Each two of side, way and kind.
+        ("right", "live", "as made"),
+        ("left", "baked", "as made"),
+        ("left", "live", "glb"),
+        ("right", "baked", "glb"),
+        ("right", "live", "fbx"),
+        ("left", "baked", "fbx"),
+        *(
+            pytest.param(*case, marks=NIGHTLY)
+            for case in (
+                ("left", "live", "as made"),
+                ("right", "baked", "as made"),
+                ("right", "live", "glb"),
+                ("left", "baked", "glb"),
+                ("left", "live", "fbx"),
+                ("right", "baked", "fbx"),
+            )
+        ),
+    ],
+    indirect=["model"],
+)
 def test_fingertips_match_the_source(other_rigs, model, moving, tmp_path, record_property, way, kind):
     made, frames, ours = moving
     source = source_of(other_rigs, made, kind, tmp_path)
@@ -102,6 +129,7 @@ def test_bones_point_in_the_directions_of_the_source(moving):
             assert a @ b / np.linalg.norm(a) / np.linalg.norm(b) > 1 - 1e-5
 
 
+@ONE_SIDE
 def test_stopping_removes_everything_and_optionally_keeps_the_pose(moving):
     ours = moving[2]
     theta = np.random.default_rng(0).normal(size=(16, 3)) * 0.3
@@ -121,6 +149,7 @@ def test_stopping_removes_everything_and_optionally_keeps_the_pose(moving):
     np.testing.assert_allclose(evaluated_pose(ours).theta, theta, atol=1e-5)
 
 
+@ONE_SIDE
 def test_following_again_changes_nothing(moving):
     _, ours = start(moving)
     first, pose = state(ours), evaluated_pose(ours)
@@ -135,6 +164,7 @@ def evaluate(hand):
     bpy.context.view_layer.update()
 
 
+@ONE_SIDE
 def test_the_influence_blends_a_hand_without_an_arm_from_its_own_pose(moving):
     made, frames, _ = moving
     bare = add_hand(bpy.context, load_hand_model(TEMPLATE).for_side(made.side), str(TEMPLATE))
@@ -197,6 +227,7 @@ def test_fingertip_ik_works_on_top(moving):
     np.testing.assert_allclose(moved[1:], 0, atol=2e-4)
 
 
+@ONE_SIDE
 def test_moving_either_object_keeps_the_hand_on_its_source(moving):
     made, ours = start(moving)
     ours.location, ours.rotation_euler = (1, 2, 3), (0.1, 0.2, 0.3)
@@ -214,6 +245,7 @@ def test_shape_and_size_are_kept_without_fitting(moving):
     assert np.abs(fitted["beta"]).max() > 0.1
 
 
+@ONE_SIDE
 def test_a_linked_source_works_without_trusted_scripts(other_rigs, model, tmp_path):
     made = other_rigs.make_rigged_hand(model.side)
     made.animate()
@@ -237,6 +269,7 @@ def test_a_linked_source_works_without_trusted_scripts(other_rigs, model, tmp_pa
         assert error.max() < MOST_M
 
 
+@ONE_SIDE
 def test_invalid_sources_are_rejected_and_nothing_changes(other_rigs, moving):
     made, _, ours = moving
     before = state(ours), tuple(ours.scale)
@@ -265,6 +298,7 @@ def test_a_source_of_the_other_side_is_baked_mirrored(other_rigs, model):
         assert error.max() < MOST_M
 
 
+@ONE_SIDE
 @pytest.mark.parametrize("frames", [range(1, 1), range(5, 2)])
 def test_an_empty_frame_range_is_rejected(moving, frames):
     made, _, ours = moving

@@ -15,6 +15,9 @@ from livehand.livehand_blender.rigs.bake import bake
 from livehand.livehand_blender.rigs.follow import follow, is_following, stop_following
 from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
 
+# What is the same for both.
+ONE_SIDE = pytest.mark.parametrize("model", ["right"], indirect=True)
+
 
 @pytest.fixture
 def moving(other_rigs, armed_hand, armed_model):
@@ -45,7 +48,16 @@ def ours_and_theirs(other_rigs, ours, made):
     return own, arm_of(made.armature, other_rigs.FOREARM, other_rigs.JOINTS[0])
 
 
-@pytest.mark.parametrize("way", ["live", "baked"])
+@pytest.mark.parametrize(
+    ("model", "way"),
+    [
+        ("right", "live"),
+        ("left", "baked"),
+        pytest.param("left", "live", marks=pytest.mark.nightly),
+        pytest.param("right", "baked", marks=pytest.mark.nightly),
+    ],
+    indirect=["model"],
+)
 def test_the_forearm_points_and_turns_as_the_sources_does(other_rigs, moving, way):
     made, frames, ours = moving
     hand, source = RiggedHand.of(ours), SourceRig(made.armature, made.joint_map)
@@ -82,6 +94,7 @@ def test_live_baked_and_kept_poses_agree(moving):
         np.testing.assert_allclose(baked.transl, pose.transl, atol=1e-5)
 
 
+@ONE_SIDE
 def test_without_a_forearm_in_the_map_the_arm_is_straight(moving):
     made, frames, ours = moving
     source = SourceRig(made.armature, replace(made.joint_map, forearm=None))
@@ -94,6 +107,7 @@ def test_without_a_forearm_in_the_map_the_arm_is_straight(moving):
     np.testing.assert_allclose(read(ours, frames[-1]).forearm, 0, atol=1e-5)
 
 
+@ONE_SIDE
 def test_stopping_leaves_no_constraint_and_no_bone(moving, random_pose):
     made, _, ours = moving
     write_hand_pose(RiggedHand.of(ours), replace(random_pose(0, made.side), forearm=np.full(3, 0.3)))
@@ -110,6 +124,7 @@ def test_stopping_leaves_no_constraint_and_no_bone(moving, random_pose):
     np.testing.assert_allclose(read(ours, 1).forearm, pose.forearm, atol=1e-5)
 
 
+@ONE_SIDE
 def test_the_panels_forearm_is_guessed_used_and_checked(other_rigs, moving):
     made, _, ours = moving
     rig = ours.livehand.other_rig

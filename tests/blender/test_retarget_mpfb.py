@@ -45,6 +45,7 @@ def character(other_rigs):
     return bpy.data.objects["right"]
 
 
+@pytest.mark.parametrize("model", ["right", pytest.param("left", marks=pytest.mark.nightly)], indirect=True)
 def test_a_hand_follows_either_side(character, model):
     skeleton = read_skeleton(character)
     found = guess_joints(skeleton, model.side).joint_map()

@@ -48,7 +48,16 @@ def rigify_file(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("kind", ["metarig", "generated"])
+@pytest.mark.parametrize(
+    ("model", "kind"),
+    [
+        ("right", "metarig"),
+        ("left", "generated"),
+        pytest.param("left", "metarig", marks=pytest.mark.nightly),
+        pytest.param("right", "generated", marks=pytest.mark.nightly),
+    ],
+    indirect=["model"],
+)
 def test_a_hand_follows_rigify(rigify_file, model, kind):
     """Guessed without doubt; when the fingers bend, ours point where Rigify's do."""
     bpy.ops.wm.open_mainfile(filepath=str(rigify_file))
@@ -80,7 +89,16 @@ def test_a_hand_follows_rigify(rigify_file, model, kind):
             assert theirs @ ours > 1 - 1e-4
 
 
-@pytest.mark.parametrize("kind", ["metarig", "generated"])
+@pytest.mark.parametrize(
+    ("model", "kind"),
+    [
+        ("right", "metarig"),
+        ("left", "generated"),
+        pytest.param("left", "metarig", marks=pytest.mark.nightly),
+        pytest.param("right", "generated", marks=pytest.mark.nightly),
+    ],
+    indirect=["model"],
+)
 def test_an_arm_follows_rigifys(rigify_file, armed_model, armed_path, kind):
     """The elbow bends with the forearm's bone, of which the generated rig has two."""
     bpy.ops.wm.open_mainfile(filepath=str(rigify_file))

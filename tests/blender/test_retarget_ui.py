@@ -9,6 +9,9 @@ from livehand.livehand_blender.rig.pose import read_hand_pose
 from livehand.livehand_blender.rigs.follow import is_following
 from livehand.livehand_blender.ui.rigs import LIVEHAND_PT_other_rig, LIVEHAND_PT_other_rig_bones
 
+# What is the same for both.
+ONE_SIDE = pytest.mark.parametrize("model", ["right"], indirect=True)
+
 
 @pytest.fixture
 def chosen(other_rigs, model):
@@ -40,6 +43,7 @@ def test_following_and_baking_agree(chosen):
     assert tuple(ours.animation_data.action.frame_range) == (1, 21)
 
 
+@ONE_SIDE
 def test_stopping_keeps_the_pose(chosen):
     _, ours = chosen
     bpy.ops.livehand.guess_bones()
@@ -49,6 +53,7 @@ def test_stopping_keeps_the_pose(chosen):
     np.testing.assert_allclose(theta(ours, 6), seen, atol=1e-5)
 
 
+@ONE_SIDE
 def test_following_works_in_pose_mode_and_is_one_undo_step(chosen):
     _, ours = chosen
     name = ours.name
@@ -62,6 +67,7 @@ def test_following_works_in_pose_mode_and_is_one_undo_step(chosen):
     assert not is_following(bpy.data.objects[name])
 
 
+@ONE_SIDE
 def test_missing_and_duplicate_bones_are_reported(chosen):
     _, ours = chosen
     with pytest.raises(RuntimeError, match="none is chosen for wrist, index1"):
@@ -113,6 +119,7 @@ class Layout:
         self.drawn.append(name)
 
 
+@ONE_SIDE
 def test_what_the_panel_shows(chosen):
     def drawn(panel):
         layout = Layout([])
@@ -126,6 +133,7 @@ def test_what_the_panel_shows(chosen):
     assert {"livehand.stop_following", "follow"} <= set(drawn(LIVEHAND_PT_other_rig))
 
 
+@ONE_SIDE
 def test_a_following_hand_that_cannot_be_edited_is_not_keyed(chosen):
     _, ours = chosen
     bpy.ops.livehand.guess_bones()
@@ -138,6 +146,7 @@ def test_a_following_hand_that_cannot_be_edited_is_not_keyed(chosen):
     assert ours.animation_data.action is None
 
 
+@ONE_SIDE
 def test_only_an_armature_is_a_rig(chosen):
     _, ours = chosen
     assert bpy.ops.livehand.guess_bones.poll()

@@ -8,7 +8,7 @@ import pytest
 from livehand.backend.capture.capture import index_document
 from livehand.backend.capture.plan import CapturePlan
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("relieved_once")]
 
 PLAN = CapturePlan(poses=39, cameras=14, cameras_per_pose=3, size_px=(24, 32), eval_views=4, lights="varied")
 

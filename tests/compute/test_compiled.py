@@ -41,6 +41,7 @@ def test_whether_all_kernels_are_compiled_is_known_without_numba(monkeypatch, tm
     assert _cache_folder(str(tmp_path)) == folder
 
 
+@pytest.mark.slow
 def test_kernels_with_machine_code_are_counted():
     from livehand.backend.compute.kernels import raster
 

@@ -21,6 +21,7 @@ def sums_of(source, weights):
     return sums
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not has_vectors(), reason="needs a processor with AVX2 or AVX-512")
 @pytest.mark.parametrize("is_wide", [False, True])
 def test_a_block_in_passes_is_the_sum_of_its_products(is_wide, monkeypatch):

@@ -56,7 +56,7 @@ def test_planted_faults_are_seen():
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGPROF"), reason="needs interval timers")
 def test_a_reader_that_never_ends_is_ended():
-    done = fuzz("-c", PLANTED.replace("READERS", "endless, refuse"), "--seconds", 8)
+    done = fuzz("-c", PLANTED.replace("READERS", "endless, refuse"), "--seconds", 4)
     assert done.returncode == 1
     assert "    case 0: SIGPROF\n" in done.stdout
     assert json.loads(done.stdout.splitlines()[-1])["cases"] > 4  # goes on behind it

@@ -74,6 +74,7 @@ def test_straight_on_it_reflects_what_fresnel_says_and_far_more_from_the_side():
     assert (side > 5 * straight).all()
 
 
+@pytest.mark.slow
 def test_a_smooth_sky_is_reflected_as_the_integral_says():
     """Red from above, green from +X, blue from everywhere; from all sides."""
 

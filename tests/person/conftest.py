@@ -1,16 +1,20 @@
 """What the tests of persons share: the tracker, its pictures, and pictures of a painted hand with its arm."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
 import torch
+from livehand.backend.avatars.file import load_avatar
+from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.capture.masks.mask import short_of_arm
 from livehand.backend.capture.picture import linear_to_srgb
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists, to_blender
+from livehand.backend.person.model import PersonModel
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.hand_picture import HAND, HandPicture, PicturedHand
 from livehand.backend.records.shot import HandPose
@@ -67,16 +71,22 @@ def drawn(vertices, faces, camera):
     return mask.reshape(camera.size_px[::-1])
 
 
+@cache
+def middle_person():
+    """The avatar `middle`, ready to be rendered; loaded once."""
+    return PersonModel.of(load_avatar(shipped_avatar_path("middle")), load_default_hand())
+
+
 MADE_SIZE_PX, MADE_FOCAL_PX, VIEWS = (150, 190), 330.0, 6
 
 
-def pictured(model, light):
-    """Pictures of a resting hand from all around in a light, by our own renderer; the last is held out."""
+def pictured(model, light, count=VIEWS):
+    """The first pictures of a resting hand from all around, by our own renderer; the last of all is held out."""
     pose = HandPose.rest()
     middle = posed_vertices(model.hand, pose)[model.hand.framed_vertices].mean(0)
     K = np.array([[MADE_FOCAL_PX, 0, MADE_SIZE_PX[0] / 2], [0, MADE_FOCAL_PX, MADE_SIZE_PX[1] / 2], [0, 0, 1]])
     pictures = []
-    for index in range(VIEWS):
+    for index in range(count):
         angle = 2 * np.pi * index / VIEWS
         eye = middle + 0.42 * np.array([0.15, np.cos(angle), np.sin(angle)])
         camera = Camera(K, look_at(eye, middle, np.array([-1.0, 0, 0])), MADE_SIZE_PX)

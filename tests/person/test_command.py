@@ -49,6 +49,7 @@ def run(tmp_path, monkeypatch, pictured):
     return run
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_unless_its_input_has_changed(run, tmp_path):
     assert run(KeyboardInterrupt()) == 1
     assert run(KeyboardInterrupt()) == 1

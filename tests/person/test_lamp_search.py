@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.person.illumination import Illumination, fitted_light, lit_pixels
 from livehand.backend.person.lamp_search import with_lamp
 from livehand.backend.person.numbers import PixelTones
-from livehand.backend.person.person_avatar import shipped_bases
 from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing, sky_directions
-from livehand.tests.person.conftest import pictured
+from livehand.tests.person.conftest import middle_person, pictured
 
 pytest.importorskip("cv2")
 pytestmark = pytest.mark.slow
@@ -18,11 +16,11 @@ TOWARDS = np.array([0.4, 0.8, 0.45]) / np.linalg.norm([0.4, 0.8, 0.45])
 
 @pytest.fixture(scope="module")
 def base():
-    return shipped_bases(load_default_hand()).models[0.42]
+    return middle_person()
 
 
 def tones_in(base, light):
-    pixels = lit_pixels(base, [one for one in pictured(base, light).pictures if not one.is_held_out][:3])
+    pixels = lit_pixels(base, pictured(base, light, 2).pictures)
     return PixelTones(pixels, np.zeros_like(pixels.shown), np.zeros_like(pixels.shown))
 
 

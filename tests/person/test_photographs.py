@@ -9,6 +9,8 @@ from livehand.backend.records.hand_picture import HAND
 from livehand.backend.tracking.tracked_hand import TrackedHand
 from PIL import ExifTags, Image
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")
 ORIENTATION_TURNED = 6  # the camera was held upright; the file lies on its side
 

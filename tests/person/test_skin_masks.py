@@ -7,6 +7,8 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.tests.person.conftest import GLOVE, SKIN
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")
 
 

@@ -69,6 +69,7 @@ def test_only_relightable_avatars_have_one(hand):
         vertex_albedo(avatar_of(hand, "baked", "light"), hand)
 
 
+@pytest.mark.slow
 def test_it_is_the_same_every_time(hand):
     """On the atlas' seams vertices have several places, of different colours: always the same one is read."""
     avatar = load_avatar()

@@ -105,6 +105,7 @@ def test_pixels_without_rays_have_no_say():
     torch.testing.assert_close(found, torch.where(has_ray, PALM_M, FINGER_M).expand(2, 8))
 
 
+@pytest.mark.slow
 def test_skin_that_sheds_light_may_be_lit_by_fewer_samples_than_the_rays(backend, posed, view_from):
     """A soft lamp: both ways the probes receive nearly the same, and the rays' shadows are of all samples."""
     one = posed("fist")
@@ -154,6 +155,7 @@ def test_few_probes_have_the_albedo_of_their_own_vertices(backend, posed, view_f
     assert surfels.of_sky.shape == (SKY_DIRECTIONS, 100)
 
 
+@pytest.mark.slow
 def test_a_window_of_the_sky_casts_softer_shadows_in_finer_parts(backend, spheres, view_from):
     """On a ball, across the edge of a shadow, light falls in more and smaller steps; whole cells are as before."""
     mesh, topology = spheres(((0, 0, 0), 0.1), subdivisions=4)

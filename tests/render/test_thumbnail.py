@@ -39,7 +39,9 @@ def test_it_shows_the_skin(thumbnail):
     assert thumbnail[0, 0, 3] == 0
 
 
-@pytest.mark.parametrize("skin", SKINS)
+@pytest.mark.parametrize(
+    "skin", ["light", *(pytest.param(skin, marks=pytest.mark.nightly) for skin in SKINS if skin != "light")]
+)
 def test_shipped_avatars_have_theirs(skin, hand):
     path = shipped_avatar_path(skin)
     stored = read_metadata(path).thumbnail

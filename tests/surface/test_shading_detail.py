@@ -344,6 +344,7 @@ def test_the_factor_on_albedo_multiplies_colours_alone(backend):
     assert torch.equal(with_it.normal, without.normal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_both_backends_agree_on_a_posed_hand(backend_pair, fine_hand, view_from, side):
     mesh = fine_hand("fist", side)

@@ -22,6 +22,8 @@ from livehand.backend.system.package_install import (
 from livehand.backend.system.packages import REQUIREMENTS, Requirement, pip_requirements
 from livehand.tests.fake_wheels import fake_wheel
 
+pytestmark = pytest.mark.slow
+
 WANTED = (Requirement("livehand_fake", "livehand-fake>=1"),)
 
 

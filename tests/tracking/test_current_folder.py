@@ -18,6 +18,7 @@ def trap(tmp_path, monkeypatch):
     return mark
 
 
+@pytest.mark.slow
 def test_the_networks_are_fetched_with_the_real_pip(trap, monkeypatch):
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.delenv("PIP_FIND_LINKS", raising=False)

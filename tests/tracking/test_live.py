@@ -94,6 +94,7 @@ def test_a_killed_process_is_one_error(watched, waved):
         frames_of(tracker)
 
 
+@pytest.mark.slow
 def test_what_is_no_video_or_no_camera_is_one_error(watched, tmp_path):
     (tmp_path / "a.mp4").write_text("no video")
     with pytest.raises(LiveHandError, match="must be a video"):

@@ -5,6 +5,8 @@ import pytest
 from livehand.backend.tracking.still import StillTracker
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def still(networks):

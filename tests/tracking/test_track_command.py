@@ -21,7 +21,7 @@ from livehand.livehand_blender.cli import main
 from PIL import Image
 
 pytest.importorskip("av", reason="PyAV (the extra video) is not installed")
-pytestmark = pytest.mark.usefixtures("networks")
+pytestmark = [pytest.mark.usefixtures("networks"), pytest.mark.slow]
 
 
 @pytest.fixture(autouse=True)

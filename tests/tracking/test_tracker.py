@@ -11,6 +11,8 @@ from livehand.backend.tracking.takes import by_side
 from livehand.backend.tracking.tracked_hand import TrackedHand
 from livehand.backend.tracking.tracker import HandTracker
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("palm", "back", "left")
 
 

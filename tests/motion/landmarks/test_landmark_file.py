@@ -101,6 +101,7 @@ def webxr(points):
     return joints
 
 
+@pytest.mark.slow
 def test_webxr_matrices_are_column_major_and_y_is_up(tmp_path):
     joints = webxr(POINTS)
     matrices = np.tile(np.eye(4), (3, 25, 1, 1))
@@ -190,6 +191,7 @@ def both_hands():
     return {"Right": right, "Left": right * [-1, 1, 1]}
 
 
+@pytest.mark.slow
 def test_left_handed_axes_do_not_exchange_the_hands(tmp_path):
     own = both_hands()
     unity = {side: points * [1, 1, -1] for side, points in own.items()}
@@ -206,6 +208,7 @@ def test_left_handed_axes_do_not_exchange_the_hands(tmp_path):
     assert plain.info.notes == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "header", ["Time,Hand,Joint,Position_X,Position_Y,Position_Z", "time,hand,bone,PosX,PosY,PosZ"]
 )
@@ -217,6 +220,7 @@ def test_loggers_columns_and_clock_times(tmp_path, header):
     np.testing.assert_allclose(file.points, own["Right"])
 
 
+@pytest.mark.slow
 def test_joints_that_name_their_side_themselves(tmp_path):
     rows = ((frame, side + name, *point) for frame, side, name, *point in hands_of(both_hands()))
     file = opened(write_table(tmp_path / "log.csv", "frame,joint,x,y,z", rows))
@@ -232,6 +236,7 @@ def test_a_hand_that_comes_late_begins_late(tmp_path):
     assert firsts == [1, 3]
 
 
+@pytest.mark.slow
 def test_the_unit_is_told_by_the_hands_size(tmp_path):
     points = np.add(closing_landmarks(), [0.1, 0.2, 0.5])
     for unit, factor in (("m", 1), ("cm", 100), ("mm", 1000)):
@@ -243,6 +248,7 @@ def test_the_unit_is_told_by_the_hands_size(tmp_path):
         opened(tmp_path / "take.npz").fit(load_default_hand())
 
 
+@pytest.mark.slow
 def test_a_pictures_landmarks_are_told_by_a_wrist_without_depth(tmp_path):
     points = closing_landmarks()
     moved = (

@@ -54,6 +54,7 @@ def test_leaps_pointables(tmp_path):
     assert file.info.side == "right"
 
 
+@pytest.mark.slow
 def test_rokokos_bodies_in_left_handed_axes(tmp_path):
     parts = ("Proximal", "Medial", "Distal", "Tip")
     names = ["Hand", *(finger + part for finger in NAMES for part in parts)]

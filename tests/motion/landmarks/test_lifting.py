@@ -14,6 +14,8 @@ from livehand.backend.motion.landmarks.take_fit import FilmCamera
 from livehand.tests.builders import joints_as_tracked
 from torch import nn
 
+pytestmark = pytest.mark.slow
+
 WRIST, KNUCKLES = 0, [1, 5, 13]
 
 

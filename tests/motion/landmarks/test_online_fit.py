@@ -17,6 +17,8 @@ from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, f
 from livehand.backend.records.errors import LiveHandError
 from livehand.tests.builders import joints_as_tracked
 
+pytestmark = pytest.mark.slow
+
 HAND = load_default_hand()
 SKELETON = HandSkeleton.of(HAND)
 CAMERA = FilmCamera((640, 480), 620.0)

@@ -10,6 +10,8 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.tracking.tflite import Network
 from livehand.backend.tracking.weights import TrackerNetworks
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def finds(made_rig):

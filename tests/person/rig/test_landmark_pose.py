@@ -9,6 +9,8 @@ from livehand.backend.hand.lbs import posed_arrays
 from livehand.backend.person.rig.landmark_pose import landmark_poses, landmark_targets
 from livehand.backend.person.rig.rig_cameras import RigCameras
 
+pytestmark = pytest.mark.slow
+
 
 def test_poses_come_back_from_noisy_landmarks(made_rig):
     found = landmark_poses(made_rig.found(1.0), made_rig.cameras, made_rig.points, made_rig.model)

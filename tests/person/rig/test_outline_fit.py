@@ -16,6 +16,8 @@ from livehand.backend.person.rig.outline_fit import (
 )
 from livehand.backend.person.rig.rig_cameras import RigCameras, turned
 
+pytestmark = pytest.mark.slow
+
 SCALES = [0.85] * 8
 
 

@@ -9,6 +9,8 @@ from livehand.backend.person.rig.rig_fit import FittedRig
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.hand_picture import HAND, UNKNOWN
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def fitted(made_rig):

@@ -7,6 +7,8 @@ from livehand.backend.person.rig.rig_cameras import turned
 from livehand.backend.person.rig.rig_fit import fitted_hands
 from livehand.backend.records.errors import LiveHandError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def whole_road(made_rig):
@@ -18,6 +20,7 @@ def whole_road(made_rig):
     return views, fitted_hands(views, made_rig.found(1.5), made_rig.model, [6], lines.append), lines
 
 
+@pytest.mark.nightly
 def test_the_whole_road_brings_hands_and_cameras_back(made_rig, whole_road):
     _, found, lines = whole_road
     for side, pose in found.poses.items():
@@ -35,6 +38,7 @@ def test_the_whole_road_brings_hands_and_cameras_back(made_rig, whole_road):
     assert any("cameras off by more than 5 px: {2: " in line for line in lines)
 
 
+@pytest.mark.nightly
 def test_the_whole_road_s_labels_are_the_truth_s(made_rig, whole_road):
     _, found, _ = whole_road
     agree = [(one == truth).mean() for one, truth in zip(found.labels, made_rig.labels(), strict=True)]

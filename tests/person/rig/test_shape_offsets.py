@@ -8,6 +8,8 @@ from livehand.backend.person.rig.outline_fit import RigFit, ViewOutlines
 from livehand.backend.person.rig.rig_cameras import RigCameras
 from livehand.backend.person.rig.shape_offsets import VertexTargets, fitted_offsets
 
+pytestmark = pytest.mark.slow
+
 SCALE = 0.85
 
 

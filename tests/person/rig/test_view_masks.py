@@ -17,6 +17,8 @@ from livehand.backend.person.rig.view_masks import (
 from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.backend.records.shot import HandPose
 
+pytestmark = pytest.mark.slow
+
 SCALE = 0.85  # px in a millimetre
 
 

@@ -27,6 +27,8 @@ from livehand.tools.person.gates import (
 from livehand.tools.person.script import FRAMES, film_cameras, film_motion, kept_scenes
 from livehand.tools.person.truth import Truth
 
+pytestmark = pytest.mark.slow
+
 BETA = np.linspace(-0.5, 0.5, 10)
 
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from livehand.tools.person.skin_points import skin_points
 
+pytestmark = pytest.mark.slow
+
 
 def test_texels_lie_on_both_sides_of_a_hand_of_usual_size():
     points = skin_points(96)

@@ -8,6 +8,8 @@ from livehand.tools.person.skin_points import skin_points
 from livehand.tools.person.strangers import STRANGERS, ink
 from livehand.tools.person.truth import drawn_texels, read_truth, write_truth
 
+pytestmark = pytest.mark.slow
+
 
 def test_what_is_written_is_read_for_every_third_frame(tmp_path):
     stranger, frames = STRANGERS["stranger1"], len(range(0, FRAMES, 3))

@@ -39,6 +39,7 @@ def test_trainings_are_counted_along_the_line_of_weights():
     assert trainings_of(header(header(first)["provenance"])["provenance"]) == 3
 
 
+@pytest.mark.slow
 def test_a_command_gives_its_last_lines_json():
     assert run(["inspect", str(shipped_avatar_path("light"))])["name"] == "light"
 

@@ -18,6 +18,8 @@ from livehand.backend.tracking.video import VideoFrame
 from livehand.livehand_blender.cli import main
 from scipy.ndimage import binary_dilation
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")
 
 

@@ -6,6 +6,8 @@ from livehand.backend.motion.landmarks.skeleton import HandSkeleton
 from livehand.backend.tracking.turning_hand.take_shape import fit_with_shape, shape_of
 from livehand.tests.builders import joints_as_tracked
 
+pytestmark = pytest.mark.slow
+
 TRUE = np.random.default_rng(3).normal(0, 1, 10)
 
 
