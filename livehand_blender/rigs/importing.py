@@ -30,6 +30,7 @@ from .source import SourceRig, read_skeleton, sample_source
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "dm": 0.1, "ft": 0.3048}
 _COMMON_UNITS = ("m", "cm", "mm")  # the others are tried if none of these gives the size of a hand
 _MOST_BVH_BYTES = 512 * MIB
+_ROUNDING = 1e-3  # of a frame, by which importers of files in seconds miss it
 Importer = Callable[[Path], object]
 _ADD_ONS = {".bvh": "BioVision Motion Capture (BVH) format", ".fbx": "FBX format", ".gltf": "glTF 2.0 format"}
 
@@ -87,7 +88,7 @@ def read_rig_file(
     path = file.path
     if not path.is_file():
         raise LiveHandError(f"a motion must be read from a file, got no file at {path}")
-    with _temporary_scene(context) as scene:
+    with temporary_scene(context) as scene:
         import_rig(path)
         bpy.context.view_layer.update()
         armature, guess = _best_hand(path, scene, file.side, model.side)
@@ -108,11 +109,11 @@ def likely_unit(size: float) -> str:
 
 
 @contextlib.contextmanager
-def _temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
+def temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
     """Give the context a new scene, within; afterwards it and everything created meanwhile are removed."""
     before = all_data()
     window, shown, render = context.window, context.scene, context.scene.render
-    scene = bpy.data.scenes.new("LiveHand Import")
+    scene = bpy.data.scenes.new("LiveHand")
     scene.render.fps, scene.render.fps_base = render.fps, render.fps_base
     try:
         if window is not None:  # the importers use the window's active object
@@ -218,7 +219,8 @@ def _frames(armature: bpy.types.Object) -> range:
         thing = thing.parent
     if not ends:
         return range(1, 2)
-    return range(int(np.floor(min(end[0] for end in ends))), int(np.ceil(max(end[1] for end in ends))) + 1)
+    first, last = min(end[0] for end in ends) + _ROUNDING, max(end[1] for end in ends) - _ROUNDING
+    return range(int(np.floor(first)), int(np.ceil(last)) + 1)
 
 
 def all_data() -> set[bpy.types.ID]:
