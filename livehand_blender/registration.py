@@ -14,6 +14,7 @@ from .scene import main_thread
 from .ui import (
     avatars,
     compositing,
+    exporting,
     hand_model,
     ik_grab,
     live,
@@ -55,6 +56,7 @@ CLASSES = (
     *live.CLASSES,
     *video.CLASSES,
     *retarget.CLASSES,
+    *exporting.CLASSES,
     *hand_model.CLASSES,
     *engine.CLASSES,
 )

@@ -27,7 +27,9 @@ def _has_rig(armature: bpy.types.Object) -> bool:
     return source is not None and source.type == "ARMATURE"
 
 
-class _OnRig(OnHand):
+class OnRig(OnHand):
+    """Mixin of operators that need an active hand and another rig."""
+
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
@@ -41,7 +43,7 @@ class _OnRig(OnHand):
         return True
 
 
-class LIVEHAND_OT_guess_bones(_OnRig, bpy.types.Operator):
+class LIVEHAND_OT_guess_bones(OnRig, bpy.types.Operator):
     """Find the hand's bones in the other rig by their names, or otherwise by their shape."""
 
     bl_idname = "livehand.guess_bones"
@@ -65,7 +67,7 @@ class LIVEHAND_OT_guess_bones(_OnRig, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class LIVEHAND_OT_follow_rig(_OnRig, bpy.types.Operator):
+class LIVEHAND_OT_follow_rig(OnRig, bpy.types.Operator):
     """Make the hand follow the other rig live, by constraints on hidden bones."""
 
     bl_idname = "livehand.follow_rig"
@@ -75,12 +77,12 @@ class LIVEHAND_OT_follow_rig(_OnRig, bpy.types.Operator):
     def execute(self, context):
         """Add the constraints."""
         hand = RiggedHand.active(context)
-        doubt = follow(context, hand, _source(hand), hand.properties.other_rig.fits_shape)
+        doubt = follow(context, hand, chosen_rig(hand), hand.properties.other_rig.fits_shape)
         if doubt:
             self.report({"WARNING"}, f"Check the hand: {doubt}")
 
 
-class LIVEHAND_OT_bake_rig(_OnRig, FrameRange, bpy.types.Operator):
+class LIVEHAND_OT_bake_rig(OnRig, FrameRange, bpy.types.Operator):
     """Key the hand with the other rig's motion in a range of frames."""
 
     bl_idname = "livehand.bake_rig"
@@ -97,7 +99,7 @@ class LIVEHAND_OT_bake_rig(_OnRig, FrameRange, bpy.types.Operator):
         frames = self.frames(context.scene)
         if is_following(hand.armature):
             check_editable(context, hand)  # before anything is keyed
-        keyed = bake(context, hand, _source(hand), frames, hand.properties.other_rig.fits_shape)
+        keyed = bake(context, hand, chosen_rig(hand), frames, hand.properties.other_rig.fits_shape)
         if is_following(hand.armature):
             stop_following(context, hand, keeps_pose=False)
         if keyed.doubt:
@@ -147,6 +149,7 @@ class LIVEHAND_PT_other_rig(HandTab, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("livehand.follow_rig", icon="CON_ARMATURE")
         row.operator("livehand.bake_rig", text="Bake", icon="KEY_HLT")
+        layout.operator("livehand.send_to_rig", icon="EXPORT")
         if is_following(armature):
             layout.prop(armature, slider_path("follow"), text="Influence", slider=True)
             layout.operator("livehand.stop_following", icon="X")
@@ -203,7 +206,7 @@ def _doubt(skeleton: SourceSkeleton, guess: JointGuess, armature: bpy.types.Obje
     return rest_doubts(alignment)
 
 
-def _source(hand: RiggedHand) -> SourceRig:
+def chosen_rig(hand: RiggedHand) -> SourceRig:
     """Read the rig that is chosen in the panel.
 
     Raises:
