@@ -8,10 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..avatars.library import SKINS, avatar_path
 from ..batch.frame_selection import parse_frames
 from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
-from ..system.command import Command, warn
+from ..system.command import Command, parse_count, warn
 
 if TYPE_CHECKING:
     from ..hand.model import HandModel
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 FORMATS = ("livehand", "mano", "smplx", "openxr", "mediapipe", "csv", "bvh", "fbx", "gltf", "usd")
 BLENDER_SUFFIXES = (".fbx", ".glb", ".usd", ".usda", ".usdc")
 """Of files that Blender's exporters write."""
+
+_MOST_TEXTURE_PX = 8192
 
 ReadTake = Callable[[argparse.Namespace], "Take"]
 
@@ -44,6 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--from-mean", action="store_true", help="mano: write angles that count from MANO's mean")
     parser.add_argument("--fps", type=float, metavar="RATE", help="files: frames per second, if the file does not say")
     parser.add_argument("--frames", type=parse_frames, metavar="1-24", help=".blend: default: the scene's range")
+    parser.add_argument(
+        "--avatar",
+        type=avatar_path,
+        metavar="NAME|FILE",
+        help=f"fbx, gltf, usd: whose skin the mesh wears: {', '.join(SKINS)} or a file (default: a plain mesh)",
+    )
+    parser.add_argument("--texture-size", type=parse_count, default=2048, metavar="PX", help="of the skin's textures")
     parser.add_argument(
         "--rig",
         metavar="CHARACTER.blend[:ARMATURE]",
@@ -73,9 +83,14 @@ def run(
     writer = choose_writer(args.output, args.format, writers or WRITERS)
     if args.from_mean and writer.name != "mano":
         raise LiveHandError(f"--from-mean is of --format mano, got {writer.name}; leave it out")
+    if args.avatar and writer.name not in ("fbx", "gltf", "usd"):
+        raise LiveHandError(f"--avatar is of fbx, gltf and usd, which hold a mesh, got {writer.name}; leave it out")
+    if args.texture_size > _MOST_TEXTURE_PX:
+        raise LiveHandError(f"--texture-size must be at most {_MOST_TEXTURE_PX} px, got {args.texture_size}")
     take = (read or take_of_file)(args)
     basis = find_basis(args.mano, args.hand) if args.from_mean else None
-    losses = writer.write(take, args.output, WriteOptions(args.from_mean, basis))
+    options = WriteOptions(args.from_mean, basis, args.avatar, args.texture_size)
+    losses = writer.write(take, args.output, options)
     for loss in losses:
         warn(f"livehand export: {args.output.name}: {loss}")
     sides = [hand.side for hand in take.hands]

@@ -175,24 +175,21 @@ def key_channels(
         _set_keys(curve, frames, values[:, index])
 
 
-def key_property(
-    armature: bpy.types.Object, bone: bpy.types.PoseBone, name: str, frames: np.ndarray, values: np.ndarray
-) -> None:
-    """Key values [T] of a bone's custom property of this name at increasing frames [T]."""
-    path = f'{bone.path_from_id()}["{bpy.utils.escape_identifier(name)}"]'
-    _set_keys(_ensure_curve(armature, path, 0, bone.name), frames, values)
+def key_values(owner: bpy.types.ID, path: str, group: str, frames: np.ndarray, values: np.ndarray) -> None:
+    """Key values [T] of a property of a data-block, by its path, at increasing frames [T]."""
+    _set_keys(_ensure_curve(owner, path, 0, group), frames, values)
 
 
-def _ensure_curve(armature: bpy.types.Object, path: str, index: int, group: str) -> bpy.types.FCurve:
-    animation = armature.animation_data or armature.animation_data_create()
+def _ensure_curve(owner: bpy.types.ID, path: str, index: int, group: str) -> bpy.types.FCurve:
+    animation = owner.animation_data or owner.animation_data_create()
     if animation.action is None:
-        animation.action = bpy.data.actions.new(f"{armature.name} Action")
+        animation.action = bpy.data.actions.new(f"{owner.name} Action")
     elif animation.action.library is not None:  # keys in it would not be saved
         animation.action = animation.action.copy()
     action = animation.action
     if not hasattr(action, "slots"):  # Blender 4.2 and 4.3
         return action.fcurves.find(path, index=index) or action.fcurves.new(path, index=index, action_group=group)
-    curve = action.fcurve_ensure_for_datablock(armature, path, index=index)
+    curve = action.fcurve_ensure_for_datablock(owner, path, index=index)
     if curve.group is None:
         groups = action.layers[0].strips[0].channelbag(animation.action_slot).groups
         curve.group = groups.get(group) or groups.new(group)

@@ -10,12 +10,13 @@ from pathlib import Path
 import bpy
 
 from ...backend.motion.writers.registry import WRITERS
-from ...backend.motion.writers.take import Take
+from ...backend.motion.writers.take import Take, TakenHand
 from ...backend.motion.writers.writer import WriteOptions, Writer
 from ...backend.records.errors import LiveHandError
 from ...backend.system.files import replacing
 from ..scene.file_paths import operator_path
 from .importing import temporary_scene
+from .skinned_mesh import HandSurface, Skin, plain_surface
 from .skinned_take import add_take
 
 _SHAPE_MOVES = "the shape changes during the take; bones and mesh have its mean"
@@ -30,6 +31,8 @@ def _fbx(path: str) -> None:
         bake_anim_use_nla_strips=False,
         bake_anim_use_all_actions=False,
         bake_anim_simplify_factor=0.0,
+        path_mode="COPY",
+        embed_textures=True,
     )
 
 
@@ -53,13 +56,39 @@ def _usd(path: str) -> None:
 
 def _writer(name: str, title: str, suffixes: tuple[str, ...], export: Callable[[str], None]) -> Writer:
     def write(take: Take, path: Path, options: WriteOptions) -> tuple[str, ...]:
+        surface_of = _avatars_surface(options.avatar, options.texture_px) if options.avatar else plain_surface
         with temporary_scene(bpy.context):
-            add_take(bpy.context, take)
+            add_take(bpy.context, take, surface_of)
             with replacing(path) as temporary:
                 run_exporter(title, lambda: export(operator_path(temporary)))
         return (_SHAPE_MOVES,) if any(hand.motion.beta.ndim > 1 for hand in take.hands) else ()
 
     return Writer(name, title, suffixes, write)
+
+
+def _avatars_surface(path: Path, texture_px: int) -> Callable[[TakenHand], HandSurface]:
+    """Return a function that makes an avatar's surface of a hand.
+
+    Raises:
+        LiveHandError: the file cannot be read; the function: the avatar is not relightable, or of another hand model.
+    """
+    from ...backend.avatars.file import load_avatar
+    from ...backend.capture.picture import linear_to_srgb
+    from ...backend.render.textured_hand import textured_hand
+
+    avatar = load_avatar(path)
+
+    def surface_of(hand: TakenHand) -> HandSurface:
+        if hand.model.sha256 != avatar.hand_sha256:
+            raise LiveHandError(
+                f"the avatar '{avatar.name}' must be worn by its own hand model, got '{hand.model.name}'; choose that"
+            )
+        made = textured_hand(avatar, hand.own_model, hand.motion.betas.mean(0), texture_px)
+        albedo, normal, roughness = made.textures
+        skin = Skin(linear_to_srgb(albedo), normal, roughness)
+        return HandSurface(made.vertices, made.faces, made.corner_uv, made.weights, made.correctives, skin)
+
+    return surface_of
 
 
 def run_exporter(title: str, export: Callable[[], object]) -> None:

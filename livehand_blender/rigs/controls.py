@@ -11,6 +11,7 @@ import bpy
 from ...backend.records.errors import LiveHandError
 
 Arm = Literal["FK", "IK"]
+_MECHANISM = re.compile(r"^(?:DEF|ORG|MCH)-")
 _LAYER = re.compile(r"^(?:DEF|ORG)-")
 _SEGMENT = re.compile(r"\.\d{3}$")
 _SIDE = re.compile(r"[._](?:[lrLR])$")
@@ -65,6 +66,11 @@ def arm_switch(armature: bpy.types.Object, wrist: str) -> Switch | None:
         if bone is not None and prop in bone.keys():
             return Switch(name, prop, fk, ik)
     return None
+
+
+def is_keyed_by_hand(bone: bpy.types.PoseBone) -> bool:
+    """Tell whether a bone is an animator's: not of a generated rig's mechanism, nor moved by constraints."""
+    return not _MECHANISM.match(bone.name) and not any(not one.mute and one.influence for one in bone.constraints)
 
 
 def _parts(bone: str) -> tuple[str, str]:

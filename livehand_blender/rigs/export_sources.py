@@ -89,6 +89,7 @@ def send_to_character(args: argparse.Namespace, take: Take) -> dict[str, Any]:
     armature = find_armature(armature_name or None)
     sent = {hand.side: _send(args, armature, hand, take.fps) for hand in take.hands}
     with replacing(args.output) as temporary:
+        temporary.unlink()  # else Blender keeps the empty file as a backup
         bpy.ops.wm.save_as_mainfile(filepath=str(temporary.absolute()), copy=True, check_existing=False)
     for side, one in sent.items():
         if one.doubt:

@@ -14,9 +14,9 @@ from ...backend.geometry.rotation import continuous, matrix_to_axis_angle
 from ...backend.rigs.rest_alignment import shortest_rotation
 from ...backend.rigs.sent_motion import SentMotion, bend_arm
 from ...backend.rigs.source_skeleton import unit
-from ..rig.keyframes import ROTATION_CHANNELS, key_channels, key_property
+from ..rig.keyframes import ROTATION_CHANNELS, key_channels, key_values
 from ..rig.pose import set_rotation
-from .controls import Arm, arm_switch, control_of, ik_control_of
+from .controls import Arm, arm_switch, control_of, ik_control_of, is_keyed_by_hand
 from .source import SourceRig, posed_skeleton, read_skeleton
 
 _CORRECTIONS = 3  # of what constraints between a control and its bone have changed
@@ -97,8 +97,9 @@ class RigPoser:
                 key_channels(armature, bone, "location", at, locations)
         if self._switch:
             ends = np.unique(at[[0, -1]])
-            bone = armature.pose.bones[self._switch.bone]
-            key_property(armature, bone, self._switch.name, ends, np.full(len(ends), self._switch.value(self._arm)))
+            bone, name = self._switch.bone, self._switch.name
+            path = f'{armature.pose.bones[bone].path_from_id()}["{name}"]'
+            key_values(armature, path, bone, ends, np.full(len(ends), self._switch.value(self._arm)))
 
     @contextlib.contextmanager
     def channels_restored(self) -> Iterator[None]:
@@ -139,7 +140,7 @@ class RigPoser:
                 between |= dict.fromkeys(above[: above.index(drivers[0])])
         names = dict.fromkeys(control_of(self._rig.armature, name) for name in between)
         used = {control.bone.name for control in self._joints.values()}
-        return [bones[name] for name in names if name not in used]
+        return [bones[name] for name in names if name not in used and is_keyed_by_hand(bones[name])]
 
     def _all(self) -> list[_Control]:
         return [*([self._forearm] if self._forearm else []), *self._joints.values()]

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import bpy
 import numpy as np
 
 from ...backend.geometry.rotation import continuous, matrix_to_quaternion
-from ...backend.hand.model import HandModel
 from ...backend.motion.spaces import TO_BLENDER
-from ...backend.motion.writers.skeleton import SkeletonMotion, bone_names, skeleton_motion
+from ...backend.motion.writers.skeleton import SkeletonMotion, skeleton_motion
 from ...backend.motion.writers.take import Take, TakenHand
 from ...backend.records.errors import LiveHandError
 from ..rig.keyframes import key_channels
+from .skinned_mesh import HandSurface, add_mesh
 
 _UP = TO_BLENDER["y_up"]
-_LEAST_WEIGHT = 1e-4
 _MOST_FPS = 32767  # Blender's
 
 
-def add_take(context: bpy.types.Context, take: Take) -> list[bpy.types.Object]:
+def add_take(
+    context: bpy.types.Context, take: Take, surface_of: Callable[[TakenHand], HandSurface]
+) -> list[bpy.types.Object]:
     """Add an armature and a mesh for each hand to the context's scene, selected; returns the armature, then meshes.
 
-    The scene gets the take's frames, from 0, and its rate.
+    The scene gets the take's frames, from 0, and its rate. `surface_of` makes a hand's mesh.
 
     Raises:
         LiveHandError: Blender cannot have the rate.
@@ -30,7 +33,7 @@ def add_take(context: bpy.types.Context, take: Take) -> list[bpy.types.Object]:
     _set_time(context.scene, take)
     armature = _add_armature(context, motion)
     _key(armature, motion)
-    meshes = [_add_mesh(context, hand, armature) for hand in take.hands]
+    meshes = [add_mesh(context, hand, armature, surface_of(hand)) for hand in take.hands]
     things = [armature, *meshes]
     for thing in things:
         thing.select_set(True)
@@ -78,32 +81,3 @@ def _key(armature: bpy.types.Object, motion: SkeletonMotion) -> None:
         if motion.parents[index] < 0:
             moved = motion.places[:, index] @ _UP.T - rest[:3, 3]
             key_channels(armature, bone, "location", frames, moved @ rest[:3, :3])
-
-
-def _add_mesh(context: bpy.types.Context, hand: TakenHand, armature: bpy.types.Object) -> bpy.types.Object:
-    model, beta = hand.own_model, hand.motion.betas.mean(0)
-    vertices = hand.scale * (model.v_template + model.shapedirs @ beta) @ _UP.T
-    name = f"{hand.side.capitalize()} Hand"
-    data = bpy.data.meshes.new(name)
-    data.from_pydata(vertices.tolist(), [], model.f.tolist())
-    data.polygons.foreach_set("use_smooth", np.ones(len(model.f), bool))
-    atlas = data.uv_layers.new(name="Atlas")
-    atlas.data.foreach_set("uv", model.vt[model.ft].astype(np.float32).ravel())
-    mesh = bpy.data.objects.new(name, data)
-    context.collection.objects.link(mesh)
-    _give_weights(mesh, model, bone_names(hand.side))
-    mesh.parent = armature
-    mesh.modifiers.new("Armature", "ARMATURE").object = armature
-    return mesh
-
-
-def _give_weights(mesh: bpy.types.Object, model: HandModel, names: tuple[str, ...]) -> None:
-    """Give vertices the weights of the joints' bones [16] and of the forearm's, the last."""
-    weights = np.concatenate([model.lbs_weights, model.arm_weights[:, None]], 1)
-    weights[:, 0] -= model.arm_weights
-    for column, name in enumerate(names):
-        moved = np.flatnonzero(weights[:, column] > _LEAST_WEIGHT)
-        if len(moved):
-            group = mesh.vertex_groups.new(name=name)
-            for vertex in moved.tolist():
-                group.add([vertex], float(weights[vertex, column]), "REPLACE")

@@ -17,10 +17,14 @@ class WriteOptions:
     Attributes:
         counts_from_mean: MANO only: finger angles count from MANO's mean pose; False: they are absolute.
         basis: MANO's mean pose, where angles count from it.
+        avatar: FBX, glTF and USD only: whose skin the mesh wears; None: a plain one.
+        texture_px: of the skin's textures.
     """
 
     counts_from_mean: bool = False
     basis: ManoBasis | None = None
+    avatar: Path | None = None
+    texture_px: int = 2048
 
 
 @dataclass(frozen=True)
