@@ -14,7 +14,6 @@ from .scene import main_thread
 from .ui import (
     avatars,
     compositing,
-    exporting,
     hand_model,
     ik_grab,
     live,
@@ -56,7 +55,6 @@ CLASSES = (
     *live.CLASSES,
     *video.CLASSES,
     *retarget.CLASSES,
-    *exporting.CLASSES,
     *hand_model.CLASSES,
     *engine.CLASSES,
 )

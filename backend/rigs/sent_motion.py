@@ -42,8 +42,8 @@ def sent_motion(motion: HandMotion, alignment: RestAlignment) -> SentMotion:
     for joint in range(1, 16):
         turns[:, joint] = turns[:, PARENTS[joint]] @ local[:, joint]
     since_rest = turns @ alignment.rotations.swapaxes(-1, -2)
-    places = rest_wrists(alignment.model, motion.betas) + motion.transl
-    wrists = places - since_rest[:, 0] @ (alignment.wrist - alignment.heads[0])
+    ours = rest_wrists(alignment.model, motion.betas) + motion.transl
+    wrists = ours - since_rest[:, 0] @ (alignment.wrist - alignment.heads[0])
     frames, arm = since_rest @ alignment.frames, alignment.forearm
     if arm is None:
         return SentMotion(frames, wrists, None, None)

@@ -160,7 +160,7 @@ def log_albedo(maps: DetailMaps, uv: Float[Tensor, "P 2"], resolution: int) -> F
     return found + maps.ratio.sample(uv, level + math.log2(maps.ratio.resolution / maps.resolution))
 
 
-class TexelSkin(NamedTuple):
+class TexelDetail(NamedTuple):
     """The maps of a straight hand over P texels of an atlas.
 
     Attributes:
@@ -176,11 +176,11 @@ class TexelSkin(NamedTuple):
     nail: Tensor
 
 
-def texel_skin(maps: DetailMaps, uv: Float[Tensor, "P 2"], resolution: int) -> TexelSkin:
+def texel_detail(maps: DetailMaps, uv: Float[Tensor, "P 2"], resolution: int) -> TexelDetail:
     """Sample the maps of a straight hand at texels of an atlas of this resolution."""
     values = maps.sample(uv, torch.full((len(uv),), math.log2(maps.resolution / resolution)))
     slopes = values[:, 0:2] - values[:, 2:4] - DEEPENED_FROM * values[:, 4:6]
-    return TexelSkin(
+    return TexelDetail(
         log_albedo(maps, uv, resolution),
         BUMP * 1e-3 * maps.resolution * slopes,
         (values[:, SQUARED] + BUMP**2 * values[:, HIDDEN_FOLDS]).clamp(min=GLOSS_STEP),

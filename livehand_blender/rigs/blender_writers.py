@@ -16,7 +16,7 @@ from ...backend.records.errors import LiveHandError
 from ...backend.system.files import replacing
 from ..scene.file_paths import operator_path
 from .importing import temporary_scene
-from .skinned_mesh import HandSurface, Skin, plain_surface
+from .skinned_mesh import ExportedMesh, MeshTextures, plain_surface
 from .skinned_take import add_take
 
 _SHAPE_MOVES = "the shape changes during the take; bones and mesh have its mean"
@@ -66,7 +66,7 @@ def _writer(name: str, title: str, suffixes: tuple[str, ...], export: Callable[[
     return Writer(name, title, suffixes, write)
 
 
-def _avatars_surface(path: Path, texture_px: int) -> Callable[[TakenHand], HandSurface]:
+def _avatars_surface(path: Path, texture_px: int) -> Callable[[TakenHand], ExportedMesh]:
     """Return a function that makes an avatar's surface of a hand.
 
     Raises:
@@ -74,19 +74,19 @@ def _avatars_surface(path: Path, texture_px: int) -> Callable[[TakenHand], HandS
     """
     from ...backend.avatars.file import load_avatar
     from ...backend.capture.picture import linear_to_srgb
-    from ...backend.render.textured_hand import textured_hand
+    from ...backend.render.textures.textured_hand import textured_hand
 
     avatar = load_avatar(path)
 
-    def surface_of(hand: TakenHand) -> HandSurface:
+    def surface_of(hand: TakenHand) -> ExportedMesh:
         if hand.model.sha256 != avatar.hand_sha256:
             raise LiveHandError(
                 f"the avatar '{avatar.name}' must be worn by its own hand model, got '{hand.model.name}'; choose that"
             )
         made = textured_hand(avatar, hand.own_model, hand.motion.betas.mean(0), texture_px)
         albedo, normal, roughness = made.textures
-        skin = Skin(linear_to_srgb(albedo), normal, roughness)
-        return HandSurface(made.vertices, made.faces, made.corner_uv, made.weights, made.correctives, skin)
+        skin = MeshTextures(linear_to_srgb(albedo), normal, roughness)
+        return ExportedMesh(made.vertices, made.faces, made.corner_uv, made.weights, made.correctives, skin)
 
     return surface_of
 

@@ -21,7 +21,7 @@ _INDEX = 1.4  # of refraction, of skin
 
 
 @dataclass(frozen=True)
-class Skin:
+class MeshTextures:
     """Textures of A x A texels, the smallest v first: albedo (sRGB-encoded), normal in tangent space, roughness."""
 
     albedo: np.ndarray
@@ -30,7 +30,7 @@ class Skin:
 
 
 @dataclass(frozen=True)
-class HandSurface:
+class ExportedMesh:
     """A hand at rest in the template's frame, N vertices, M faces.
 
     Attributes:
@@ -47,20 +47,20 @@ class HandSurface:
     corner_uv: np.ndarray
     weights: np.ndarray
     correctives: tuple[Corrective, ...] = ()
-    skin: Skin | None = None
+    skin: MeshTextures | None = None
 
 
-def plain_surface(hand: TakenHand) -> HandSurface:
+def plain_surface(hand: TakenHand) -> ExportedMesh:
     """Return the surface of a hand's own model, in the take's mean shape."""
     model = hand.own_model
     weights = np.concatenate([model.lbs_weights, model.arm_weights[:, None]], 1)
     weights[:, 0] -= model.arm_weights
     vertices = model.v_template + model.shapedirs @ hand.motion.betas.mean(0)
-    return HandSurface(vertices, model.f, model.vt[model.ft], weights)
+    return ExportedMesh(vertices, model.f, model.vt[model.ft], weights)
 
 
 def add_mesh(
-    context: bpy.types.Context, hand: TakenHand, armature: bpy.types.Object, surface: HandSurface
+    context: bpy.types.Context, hand: TakenHand, armature: bpy.types.Object, surface: ExportedMesh
 ) -> bpy.types.Object:
     """Add a hand's surface to the context's collection, moved by the armature of its skeleton."""
     name = f"{hand.side.capitalize()} Hand"
@@ -89,7 +89,7 @@ def _add_group(mesh: bpy.types.Object, bone: str, weights: np.ndarray) -> None:
             group.add([vertex], weight, "REPLACE")
 
 
-def _add_correctives(mesh: bpy.types.Object, hand: TakenHand, surface: HandSurface) -> None:
+def _add_correctives(mesh: bpy.types.Object, hand: TakenHand, surface: ExportedMesh) -> None:
     """Add a shape key for each corrective, keyed as the joints' rotations drive it in every frame."""
     turns = axis_angle_to_matrix(hand.motion.theta) - np.eye(3)
     frames = hand.frames.astype(np.float64)
@@ -103,7 +103,7 @@ def _add_correctives(mesh: bpy.types.Object, hand: TakenHand, surface: HandSurfa
         key_values(mesh.data.shape_keys, f'key_blocks["{key.name}"].value', "Correctives", frames, values)
 
 
-def _material(name: str, skin: Skin) -> bpy.types.Material:
+def _material(name: str, skin: MeshTextures) -> bpy.types.Material:
     """Make a Principled skin of images, as the exporters know it."""
     material = bpy.data.materials.new(name)
     if bpy.app.version < (5, 0):  # later versions always use nodes, and warn

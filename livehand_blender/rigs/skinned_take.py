@@ -13,14 +13,14 @@ from ...backend.motion.writers.skeleton import SkeletonMotion, skeleton_motion
 from ...backend.motion.writers.take import Take, TakenHand
 from ...backend.records.errors import LiveHandError
 from ..rig.keyframes import key_channels
-from .skinned_mesh import HandSurface, add_mesh
+from .skinned_mesh import ExportedMesh, add_mesh
 
 _UP = TO_BLENDER["y_up"]
 _MOST_FPS = 32767  # Blender's
 
 
 def add_take(
-    context: bpy.types.Context, take: Take, surface_of: Callable[[TakenHand], HandSurface]
+    context: bpy.types.Context, take: Take, surface_of: Callable[[TakenHand], ExportedMesh]
 ) -> list[bpy.types.Object]:
     """Add an armature and a mesh for each hand to the context's scene, selected; returns the armature, then meshes.
 
@@ -79,5 +79,5 @@ def _key(armature: bpy.types.Object, motion: SkeletonMotion) -> None:
         own = rest[:3, :3].T @ turns[:, index] @ rest[:3, :3]
         key_channels(armature, bone, "rotation_quaternion", frames, continuous(matrix_to_quaternion(own)))
         if motion.parents[index] < 0:
-            moved = motion.places[:, index] @ _UP.T - rest[:3, 3]
+            moved = motion.positions[:, index] @ _UP.T - rest[:3, 3]
             key_channels(armature, bone, "location", frames, moved @ rest[:3, :3])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bpy
-from bpy.props import BoolProperty
+from bpy.props import BoolProperty, EnumProperty
 
 from ...backend.hand.bones import FINGERS as SHOWN_FINGERS
 from ...backend.hand.model import JOINT_NAMES, MANO_FINGERS
@@ -12,13 +12,20 @@ from ...backend.rigs.doubts import rest_doubts
 from ...backend.rigs.joint_guess import JointGuess, guess_joints
 from ...backend.rigs.rest_alignment import align
 from ...backend.rigs.source_skeleton import JointMap, SourceSkeleton
+from ..motion.taking import sample_take
 from ..rig.follow_properties import tip_property
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.sliders import slider_path
 from ..rigs.bake import bake
 from ..rigs.follow import check_editable, follow, is_following, stop_following
+from ..rigs.sending import send
 from ..rigs.source import SourceRig, read_skeleton
 from .mixins import FrameRange, HandTab, OnHand, polled_hand, reports_errors
+
+_ARMS = (
+    ("FK", "FK", "Turn the arm's bones, or a generated rig's FK controls"),
+    ("IK", "IK", "Move the IK control of a generated rig"),
+)
 
 
 def _has_rig(armature: bpy.types.Object) -> bool:
@@ -27,9 +34,7 @@ def _has_rig(armature: bpy.types.Object) -> bool:
     return source is not None and source.type == "ARMATURE"
 
 
-class OnRig(OnHand):
-    """Mixin of operators that need an active hand and another rig."""
-
+class _OnRig(OnHand):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
@@ -43,7 +48,7 @@ class OnRig(OnHand):
         return True
 
 
-class LIVEHAND_OT_guess_bones(OnRig, bpy.types.Operator):
+class LIVEHAND_OT_guess_bones(_OnRig, bpy.types.Operator):
     """Find the hand's bones in the other rig by their names, or otherwise by their shape."""
 
     bl_idname = "livehand.guess_bones"
@@ -67,7 +72,7 @@ class LIVEHAND_OT_guess_bones(OnRig, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class LIVEHAND_OT_follow_rig(OnRig, bpy.types.Operator):
+class LIVEHAND_OT_follow_rig(_OnRig, bpy.types.Operator):
     """Make the hand follow the other rig live, by constraints on hidden bones."""
 
     bl_idname = "livehand.follow_rig"
@@ -77,12 +82,12 @@ class LIVEHAND_OT_follow_rig(OnRig, bpy.types.Operator):
     def execute(self, context):
         """Add the constraints."""
         hand = RiggedHand.active(context)
-        doubt = follow(context, hand, chosen_rig(hand), hand.properties.other_rig.fits_shape)
+        doubt = follow(context, hand, _source(hand), hand.properties.other_rig.fits_shape)
         if doubt:
             self.report({"WARNING"}, f"Check the hand: {doubt}")
 
 
-class LIVEHAND_OT_bake_rig(OnRig, FrameRange, bpy.types.Operator):
+class LIVEHAND_OT_bake_rig(_OnRig, FrameRange, bpy.types.Operator):
     """Key the hand with the other rig's motion in a range of frames."""
 
     bl_idname = "livehand.bake_rig"
@@ -99,12 +104,41 @@ class LIVEHAND_OT_bake_rig(OnRig, FrameRange, bpy.types.Operator):
         frames = self.frames(context.scene)
         if is_following(hand.armature):
             check_editable(context, hand)  # before anything is keyed
-        keyed = bake(context, hand, chosen_rig(hand), frames, hand.properties.other_rig.fits_shape)
+        keyed = bake(context, hand, _source(hand), frames, hand.properties.other_rig.fits_shape)
         if is_following(hand.armature):
             stop_following(context, hand, keeps_pose=False)
         if keyed.doubt:
             self.report({"WARNING"}, f"Check the motion: {keyed.doubt}")
         self.report({"INFO"}, f"Keyed {keyed.frames} frames")
+
+
+class LIVEHAND_OT_send_to_rig(_OnRig, FrameRange, bpy.types.Operator):
+    """Key the other rig's own bones with the hand's motion in a range of frames."""
+
+    bl_idname = "livehand.send_to_rig"
+    bl_label = "Send to Rig"
+
+    arm: EnumProperty(name="Arm", description="The controls that move the wrist", items=_ARMS)
+
+    def invoke(self, context, event):
+        """Ask for the frames and the arm."""
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, context):
+        """Draw the frames and the arm."""
+        FrameRange.draw(self, context)
+        self.layout.prop(self, "arm")
+
+    @reports_errors
+    def execute(self, context):
+        """Sample the hand, then key the rig."""
+        hand = RiggedHand.active(context)
+        frames = self.frames(context.scene)
+        taken = sample_take(context, [hand], frames).hands[0]
+        sent = send(context, taken, _source(hand), frames, hand.properties.other_rig.fits_shape, self.arm)
+        if sent.doubt:
+            self.report({"WARNING"}, f"Check the rig: {sent.doubt}")
+        self.report({"INFO"}, f"Keyed {sent.bones} bones in {sent.frames} frames")
 
 
 class LIVEHAND_OT_stop_following(OnHand, bpy.types.Operator):
@@ -187,6 +221,7 @@ CLASSES = (
     LIVEHAND_OT_guess_bones,
     LIVEHAND_OT_follow_rig,
     LIVEHAND_OT_bake_rig,
+    LIVEHAND_OT_send_to_rig,
     LIVEHAND_OT_stop_following,
     LIVEHAND_PT_other_rig,
     LIVEHAND_PT_other_rig_bones,
@@ -206,7 +241,7 @@ def _doubt(skeleton: SourceSkeleton, guess: JointGuess, armature: bpy.types.Obje
     return rest_doubts(alignment)
 
 
-def chosen_rig(hand: RiggedHand) -> SourceRig:
+def _source(hand: RiggedHand) -> SourceRig:
     """Read the rig that is chosen in the panel.
 
     Raises:

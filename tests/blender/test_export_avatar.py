@@ -51,7 +51,7 @@ def content_of(path):
     return json.loads(raw[20 : 20 + length])
 
 
-def test_the_file_has_a_skin_textures_and_correctives(glb):
+def test_the_file_has_a_atlas_textures_and_correctives(glb):
     content = content_of(glb)
     (mesh,) = content["meshes"]
     (primitive,) = mesh["primitives"]

@@ -25,8 +25,8 @@ from ..formats import (
     mano,
     openxr,
     own,
+    own_table,
     raw,
-    table,
     wilor_frames,
 )
 from ..formats.format import Format
@@ -44,7 +44,7 @@ FORMATS: tuple[Format, ...] = (
     own.FORMAT,
     mano.FORMAT,
     openxr.FORMAT,
-    table.FORMAT,
+    own_table.FORMAT,
     hamer.FORMAT,
     wilor_frames.FORMAT,
     grab.FORMAT,

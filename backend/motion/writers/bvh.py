@@ -1,7 +1,7 @@
 """Motions as BVH: bones named as HumanIK's, in a T-pose at rest, Y up, centimetres.
 
 Two hands have a common root that does not move, as a file has one root. Positions of other joints than the root are
-places below their parent, as the format has them.
+positions below their parent, as the format has them.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _channels(motion: SkeletonMotion) -> np.ndarray:
     columns = [np.zeros((len(motion.rotations), 6))] if len(roots) > 1 else []
     for bone in _in_order(motion.parents, -1):
         if motion.parents[bone] < 0:
-            columns.append(_CM * motion.places[:, bone])
+            columns.append(_CM * motion.positions[:, bone])
         columns.append(np.rad2deg(euler_zxy(motion.rotations[:, bone])))
     return np.concatenate(columns, 1)
 

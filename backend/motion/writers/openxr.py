@@ -1,4 +1,4 @@
-"""OpenXR's 26 joints of a hand as JSON: places in metres, Y up, and orientations as quaternions (x, y, z, w).
+"""OpenXR's 26 joints of a hand as JSON: positions in metres, Y up, and orientations as quaternions (x, y, z, w).
 
 A joint's -Z points along its bone, its +Y out of the hand's back, as OpenXR and Quest have them. Each hand's `rest`
 tells the same of its flat pose, so that its motion can be retargeted exactly, twist included.
@@ -58,10 +58,10 @@ def _about(hand: TakenHand) -> dict[str, Any]:
 
 
 class _JointPoses:
-    """The 26 joints of a hand in T frames, by name: places [T, 3] m and orientations [T, 4] (x, y, z, w)."""
+    """The 26 joints of a hand in T frames, by name: positions [T, 3] m and orientations [T, 4] (x, y, z, w)."""
 
-    def __init__(self, places: dict[str, np.ndarray], rotations: dict[str, np.ndarray], scale: float):
-        self._places = {name: place.round(_DECIMALS_M) for name, place in places.items()}
+    def __init__(self, positions: dict[str, np.ndarray], rotations: dict[str, np.ndarray], scale: float):
+        self._positions = {name: place.round(_DECIMALS_M) for name, place in positions.items()}
         self._orientations = {
             name: continuous(matrix_to_quaternion(rotation))[:, [1, 2, 3, 0]].round(_DECIMALS)
             for name, rotation in rotations.items()
@@ -77,36 +77,36 @@ class _JointPoses:
         """Pose the joints as a motion in any space has them."""
         posed = pose_joints(motion, hand.own_model, hand.scale)
         axes = posed.rotations @ (rest_bones(hand.own_model).frames @ _TO_XR)
-        places, rotations = _places(posed, axes)
-        return cls(places, rotations, hand.scale)
+        positions, rotations = _positions(posed, axes)
+        return cls(positions, rotations, hand.scale)
 
     def at(self, index: int) -> dict[str, Any]:
         """Return the joints of one frame, by OpenXR's names."""
         return {
             full_name(name): {
-                "position": self._places[name][index].tolist(),
+                "position": self._positions[name][index].tolist(),
                 "orientation": self._orientations[name][index].tolist(),
                 "radius": round(self._scale * _radius_m(name), _DECIMALS_M),
             }
-            for name in self._places
+            for name in self._positions
         }
 
 
-def _places(posed: PosedJoints, axes: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+def _positions(posed: PosedJoints, axes: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Place and turn all joints, those included that MANO has not; axes [T, 16, 3, 3] are of those that it has."""
     nodes, wrist = posed.nodes, posed.nodes[:, 0]
-    places = {"PALM": (wrist + nodes[:, _MIDDLE_KNUCKLE]) / 2}
+    positions = {"PALM": (wrist + nodes[:, _MIDDLE_KNUCKLE]) / 2}
     rotations = {"PALM": axes[:, 0]}
     for name, joint in JOINTS.items():
-        places[name], rotations[name] = nodes[:, JOINT_NODES[joint]], axes[:, joint]
+        positions[name], rotations[name] = nodes[:, JOINT_NODES[joint]], axes[:, joint]
     for finger in _FINGERS:
         last = JOINTS[f"{finger}_DISTAL"]
-        places[f"{finger}_TIP"], rotations[f"{finger}_TIP"] = nodes[:, JOINT_NODES[last] + 1], axes[:, last]
+        positions[f"{finger}_TIP"], rotations[f"{finger}_TIP"] = nodes[:, JOINT_NODES[last] + 1], axes[:, last]
         if finger != "THUMB":
-            reach = places[f"{finger}_PROXIMAL"] - wrist
-            places[f"{finger}_METACARPAL"] = wrist + _METACARPAL * reach
+            reach = positions[f"{finger}_PROXIMAL"] - wrist
+            positions[f"{finger}_METACARPAL"] = wrist + _METACARPAL * reach
             rotations[f"{finger}_METACARPAL"] = _pointing(axes[:, 0], reach)
-    return places, rotations
+    return positions, rotations
 
 
 def _pointing(axes: np.ndarray, along: np.ndarray) -> np.ndarray:

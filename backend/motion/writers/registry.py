@@ -8,9 +8,9 @@ from pathlib import Path
 from ...records.errors import LiveHandError
 from .arrays import MANO, OWN, SMPLX
 from .bvh import BVH
+from .csv_table import CSV
 from .mediapipe import MEDIAPIPE
 from .openxr import OPENXR
-from .table import CSV
 from .writer import Writer
 
 WRITERS: tuple[Writer, ...] = (OWN, MANO, SMPLX, OPENXR, MEDIAPIPE, CSV, BVH)

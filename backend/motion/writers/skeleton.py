@@ -29,7 +29,7 @@ class SkeletonMotion:
         tails: [B, 3] at rest.
         frames: [B, 3, 3] at rest; columns X the flexion axis, Y along the bone, Z towards the palm.
         rotations: [T, B, 3, 3] against the parent's, in axes that are the world's at rest.
-        places: [T, B, 3] of roots' heads; of the other bones, zeros.
+        positions: [T, B, 3] of roots' heads; of the other bones, zeros.
         fps: frames per second.
     """
 
@@ -39,7 +39,7 @@ class SkeletonMotion:
     tails: np.ndarray
     frames: np.ndarray
     rotations: np.ndarray
-    places: np.ndarray
+    positions: np.ndarray
     fps: float
 
 
@@ -66,7 +66,7 @@ def skeleton_motion(take: Take) -> SkeletonMotion:
         tails=np.concatenate([part.tails for part in parts]),
         frames=np.concatenate([part.frames for part in parts]),
         rotations=np.concatenate([part.rotations for part in parts], 1),
-        places=np.concatenate([part.places for part in parts], 1),
+        positions=np.concatenate([part.positions for part in parts], 1),
         fps=take.fps,
     )
 
@@ -81,10 +81,10 @@ def _of_hand(hand: TakenHand, fps: float) -> SkeletonMotion:
     wrist = RestSkeleton.of(model, motion.betas).nodes[:, 0] + motion.transl
     local = axis_angle_to_matrix(motion.theta)
     *hand_names, arm_name = bone_names(hand.side)
-    places = np.zeros((len(motion), 16, 3))
+    positions = np.zeros((len(motion), 16, 3))
     if rest.elbow is None:
-        places[:, 0] = wrist
-        return SkeletonMotion(tuple(hand_names), PARENTS, heads, np.array(ends), own.frames, local, places, fps)
+        positions[:, 0] = wrist
+        return SkeletonMotion(tuple(hand_names), PARENTS, heads, np.array(ends), own.frames, local, positions, fps)
     bend = axis_angle_to_matrix(motion.forearms)
     arm = local[:, :1] @ bend[:, None]
     elbow = hand.scale * rest.elbow
@@ -96,6 +96,6 @@ def _of_hand(hand: TakenHand, fps: float) -> SkeletonMotion:
         tails=np.concatenate([heads[:1], ends]),
         frames=np.concatenate([rest_forearm(model).frame[None], own.frames]),
         rotations=np.concatenate([arm, bend.swapaxes(1, 2)[:, None], local[:, 1:]], 1),
-        places=np.concatenate([begin[:, None], places], 1),
+        positions=np.concatenate([begin[:, None], positions], 1),
         fps=fps,
     )

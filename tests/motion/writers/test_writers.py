@@ -1,4 +1,4 @@
-"""Every format that needs no Blender, out and in again by our own readers: angles, places, times, both sides."""
+"""Every format that needs no Blender, out and in again by our own readers: angles, positions, times, both sides."""
 
 import json
 from dataclasses import replace
@@ -138,8 +138,8 @@ def test_a_hand_of_another_size_grows_about_its_wrist(hand):
 
 
 @pytest.mark.parametrize("name", ["openxr", "mediapipe"])
-def test_the_places_are_read_as_any_trackers(hand, tmp_path, name):
-    """By the reader of landmarks, which knows nothing of ours: the joints' places, sides and times."""
+def test_the_positions_are_read_as_any_trackers(hand, tmp_path, name):
+    """By the reader of landmarks, which knows nothing of ours: the joints' positions, sides and times."""
     take = take_of([taken(hand, "left", scale=1.1), taken(hand, "right", first=2)], FPS)
     path, _ = written(name, take, tmp_path)
     file = read_landmarks(load_document(path))
@@ -157,12 +157,12 @@ def test_openxr_joints_point_along_their_bones_and_up_from_the_back(hand, tmp_pa
     path, _ = written("openxr", Take((TakenHand(still, hand),), 30.0), tmp_path)
     joints = json.loads(path.read_text())["hands"]["left"]["rest"]
     assert len(joints) == 26
-    places = {name: np.array(joint["position"]) for name, joint in joints.items()}
+    positions = {name: np.array(joint["position"]) for name, joint in joints.items()}
     for finger in ("INDEX", "MIDDLE", "RING", "LITTLE"):
         name, ahead = (f"XR_HAND_JOINT_{finger}_{part}_EXT" for part in ("PROXIMAL", "INTERMEDIATE"))
         x, y, z, w = joints[name]["orientation"]
         turn = axis_angle_to_matrix(2 * np.arccos(w) * np.array([x, y, z]) / np.sin(np.arccos(w)))
-        along = places[ahead] - places[name]
+        along = positions[ahead] - positions[name]
         assert -turn[:, 2] @ along / np.linalg.norm(along) > 0.99
         assert turn[1, 1] > 0.8  # the template's back of the hand is +Y
 

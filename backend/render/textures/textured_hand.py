@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from ..avatars.avatar import Avatar
-from ..hand.corrective_keys import Corrective, factor_correctives
-from ..hand.model import HandModel
-from ..surface.detail_mesh import DetailTemplate
-from .avatar_surface import avatar_surface_of
-from .skin_textures import SkinTextures, skin_textures
+from ...avatars.avatar import Avatar
+from ...hand.corrective_keys import Corrective, factor_correctives
+from ...hand.model import HandModel
+from ...surface.detail_mesh import DetailTemplate
+from ..avatar_surface import avatar_surface_of
+from .atlas_textures import AtlasTextures, atlas_textures
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class TexturedHand:
     corner_uv: np.ndarray
     weights: np.ndarray
     correctives: tuple[Corrective, ...]
-    textures: SkinTextures
+    textures: AtlasTextures
 
 
 @torch.inference_mode()
@@ -55,7 +55,7 @@ def textured_hand(avatar: Avatar, hand: HandModel, beta: np.ndarray, resolution:
         hand.vt[hand.ft],
         skin_weights(hand),
         tuple(factor_correctives(hand.posedirs)),
-        skin_textures(avatar, hand, resolution),
+        atlas_textures(avatar, hand, resolution),
     )
     surface = avatar_surface_of(avatar, torch.device("cpu"))
     if surface is None:

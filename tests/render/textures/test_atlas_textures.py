@@ -8,8 +8,8 @@ import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
-from livehand.backend.render.skin_textures import _TexelFrames, skin_textures
-from livehand.backend.render.textured_hand import textured_hand
+from livehand.backend.render.textures.atlas_textures import _TexelFrames, atlas_textures
+from livehand.backend.render.textures.textured_hand import textured_hand
 from livehand.backend.surface.atlas_texels import AtlasTexels
 
 RESOLUTION = 16
@@ -45,7 +45,7 @@ def test_normals_lean_against_the_slopes_of_u_and_v(mirror):
 
 def test_textures_are_those_of_skin(avatar, hand):
     """Albedo of skin, rough skin, smooth nails, relief that leans both ways and mostly outward."""
-    albedo, normal, roughness = skin_textures(avatar, hand, 128)
+    albedo, normal, roughness = atlas_textures(avatar, hand, 128)
     assert albedo.shape == normal.shape == (128, 128, 3)
     assert 0.05 < albedo.min()
     assert albedo.max() < 0.95

@@ -1,6 +1,6 @@
-"""A table as `.csv`: a row for each hand in each frame, with joints' angles (rad, axis-angle) and places (m, Z up).
+"""A table as `.csv`: a row for each hand in each frame, with joints' angles (rad, axis-angle) and positions (m, Z up).
 
-`formats.table` reads the angles back; the places are for people and other programs.
+`formats.own_table` reads the angles back; the positions are for people and other programs.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ...system.files import replacing
-from ..formats.table import BETAS, FOREARM, FRAME, HAND, THETA, TIME, TRANSL
+from ..formats.own_table import BETAS, FOREARM, FRAME, HAND, THETA, TIME, TRANSL
 from .posed_joints import pose_joints
 from .take import Take, TakenHand
 from .writer import WriteOptions, Writer
@@ -27,14 +27,14 @@ _LANDMARKS = (
         for part in ("MCP", "PIP", "DIP", "TIP")
     ),
 )
-_PLACES = tuple(f"{name}_{axis}" for name in _LANDMARKS for axis in "xyz")
+_POSITIONS_OF_LANDMARKS = tuple(f"{name}_{axis}" for name in _LANDMARKS for axis in "xyz")
 _DECIMALS_M = 7
 
 
 def _write(take: Take, path: Path, options: WriteOptions) -> tuple[str, ...]:
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
-    table.writerow([FRAME, TIME, HAND, *THETA, *TRANSL, *FOREARM, *BETAS, *_PLACES])
+    table.writerow([FRAME, TIME, HAND, *THETA, *TRANSL, *FOREARM, *BETAS, *_POSITIONS_OF_LANDMARKS])
     hands = [_rows(hand) for hand in take.hands]
     for number, time_s in enumerate(take.times_s):
         for hand, rows in zip(take.hands, hands, strict=True):
@@ -48,8 +48,8 @@ def _write(take: Take, path: Path, options: WriteOptions) -> tuple[str, ...]:
 def _rows(hand: TakenHand) -> Iterator[list[float]]:
     motion = hand.motion
     count = len(motion)
-    places = pose_joints(motion, hand.own_model, hand.scale).landmarks.reshape(count, -1).round(_DECIMALS_M)
-    columns = (motion.theta.reshape(count, -1), motion.transl, motion.forearms, motion.betas, places)
+    positions = pose_joints(motion, hand.own_model, hand.scale).landmarks.reshape(count, -1).round(_DECIMALS_M)
+    columns = (motion.theta.reshape(count, -1), motion.transl, motion.forearms, motion.betas, positions)
     return iter(np.concatenate(columns, 1).tolist())
 
 

@@ -13,20 +13,20 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from ..avatars.avatar import Avatar
-from ..geometry.mesh import vertex_normals
-from ..hand.model import HandModel
-from ..light.brdf import NAIL_ROUGHNESS, ROUGHNESS
-from ..surface.atlas_texels import AtlasTexels
-from ..surface.detail_maps import DetailMaps
-from ..surface.shading_detail import TexelSkin, atlas_gradients, texel_skin
-from .albedo import atlas_albedo
-from .avatar_surface import avatar_surface_of
+from ...avatars.avatar import Avatar
+from ...geometry.mesh import vertex_normals
+from ...hand.model import HandModel
+from ...light.brdf import NAIL_ROUGHNESS, ROUGHNESS
+from ...surface.atlas_texels import AtlasTexels
+from ...surface.detail_maps import DetailMaps
+from ...surface.shading_detail import TexelDetail, atlas_gradients, texel_detail
+from ..albedo import atlas_albedo
+from ..avatar_surface import avatar_surface_of
 
 _AT_ONCE = 1 << 18  # texels
 
 
-class SkinTextures(NamedTuple):
+class AtlasTextures(NamedTuple):
     """Textures of A x A texels, the row of the smallest v first.
 
     Attributes:
@@ -41,7 +41,7 @@ class SkinTextures(NamedTuple):
 
 
 @torch.inference_mode()
-def skin_textures(avatar: Avatar, hand: HandModel, resolution: int) -> SkinTextures:
+def atlas_textures(avatar: Avatar, hand: HandModel, resolution: int) -> AtlasTextures:
     """Bake the textures of an avatar on a hand of either side.
 
     Raises:
@@ -52,22 +52,22 @@ def skin_textures(avatar: Avatar, hand: HandModel, resolution: int) -> SkinTextu
     flat = np.zeros((resolution, resolution, 3), np.float32)
     flat[..., 2] = 1
     if surface is None:
-        return SkinTextures(albedo, flat, np.full((resolution, resolution), ROUGHNESS[1], np.float32))
+        return AtlasTextures(albedo, flat, np.full((resolution, resolution), ROUGHNESS[1], np.float32))
     corner_uv, faces = torch.as_tensor(hand.vt[hand.ft], dtype=torch.float32), torch.as_tensor(hand.f)
     texels = AtlasTexels.of(corner_uv, faces, resolution)
     frames = _TexelFrames(hand, corner_uv, faces)
     parts = [_baked(skin, frames, texels, rows) for skin, rows in _skin_of_texels(surface.maps, texels)]
     normal, roughness = (np.concatenate(values) for values in zip(*parts, strict=True))
-    return SkinTextures(albedo, texels.as_map(normal), texels.as_map(roughness[:, None])[..., 0])
+    return AtlasTextures(albedo, texels.as_map(normal), texels.as_map(roughness[:, None])[..., 0])
 
 
-def _skin_of_texels(maps: DetailMaps, texels: AtlasTexels) -> Iterator[tuple[TexelSkin, slice]]:
+def _skin_of_texels(maps: DetailMaps, texels: AtlasTexels) -> Iterator[tuple[TexelDetail, slice]]:
     resolution = texels.resolution
     for start in range(0, len(texels.pixel), _AT_ONCE):
         rows = slice(start, start + _AT_ONCE)
         pixel = torch.as_tensor(texels.pixel[rows])
         uv = torch.stack([pixel % resolution, torch.div(pixel, resolution, rounding_mode="floor")], 1) + 0.5
-        yield texel_skin(maps, uv / resolution, resolution), rows
+        yield texel_detail(maps, uv / resolution, resolution), rows
 
 
 class _TexelFrames:
@@ -91,7 +91,7 @@ class _TexelFrames:
         return normalize(torch.stack([(bent * axis).sum(-1) for axis in (tangent, bitangent, normal)], -1), dim=-1)
 
 
-def _baked(skin: TexelSkin, frames: _TexelFrames, texels: AtlasTexels, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+def _baked(skin: TexelDetail, frames: _TexelFrames, texels: AtlasTexels, rows: slice) -> tuple[np.ndarray, np.ndarray]:
     normal = frames.tangent_normals(texels, rows, skin.slopes)
     of_skin = skin.alpha_squared**0.25
     roughness = of_skin + (NAIL_ROUGHNESS - of_skin) * skin.nail.clamp(0, 1)
