@@ -96,7 +96,9 @@ def read_rig_file(
         size = fit_shape(model.for_side(joint_map.side), source_nodes(skeleton, joint_map)).scale
         scale_m = UNITS_M[file.unit or likely_unit(size)]
         skeleton = replace(skeleton, heads=skeleton.heads * scale_m, tails=skeleton.tails * scale_m)
-        source = sample_source(bpy.context, SourceRig(armature, joint_map), _frames(armature)).scaled(scale_m)
+        source = sample_source(
+            bpy.context, SourceRig(armature, joint_map), _frames(armature, _stretch(path, scene))
+        ).scaled(scale_m)
         alignment = align(skeleton, joint_map, model, shape)
         motion = retarget(source, alignment)
         return RigFileMotion(motion, alignment.shape, armature.name, joint_map, motion_doubts(alignment, motion))
@@ -209,8 +211,17 @@ def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side)
     return best
 
 
-def _frames(armature: bpy.types.Object) -> range:
-    """Find the range from the first to the last key of the actions of the armature and its parents."""
+def _stretch(path: Path, scene: bpy.types.Scene) -> float:
+    """Return the scene's frames in a frame of the file.
+
+    Blender's add-on for FBX sets the file's rate, but places keys by the rate rounded to a whole number.
+    """
+    is_add_ons = path.suffix.lower() == ".fbx" and hasattr(bpy.types, "IMPORT_SCENE_OT_fbx")
+    return scene.render.fps_base if is_add_ons else 1.0
+
+
+def _frames(armature: bpy.types.Object, stretch: float) -> list[float]:
+    """List the frames from the first to the last key of the actions of the armature and its parents."""
     ends = []
     thing: bpy.types.Object | None = armature
     while thing is not None:
@@ -218,9 +229,10 @@ def _frames(armature: bpy.types.Object) -> range:
             ends.append(tuple(thing.animation_data.action.frame_range))
         thing = thing.parent
     if not ends:
-        return range(1, 2)
-    first, last = min(end[0] for end in ends) + _ROUNDING, max(end[1] for end in ends) - _ROUNDING
-    return range(int(np.floor(first)), int(np.ceil(last)) + 1)
+        return [1.0]
+    first, last = (find(end[k] for end in ends) / stretch for k, find in enumerate((min, max)))
+    frames = range(int(np.floor(first + _ROUNDING)), int(np.ceil(last - _ROUNDING)) + 1)
+    return [stretch * frame for frame in frames]
 
 
 def all_data() -> set[bpy.types.ID]:
