@@ -1,7 +1,7 @@
 """The `livehand` program: the table of its commands.
 
-Only `render`, `make-hand`, `capture`, `lookdev` and `inspect` of a rig's file need Blender as a module, and `benchmark`
-uses it for Cycles; they import it when they run.
+Only `render`, `make-hand`, `capture`, `lookdev`, and `inspect` and `export` of a rig's file need Blender as a module,
+and `benchmark` uses it for Cycles; they import it when they run.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from typing import Any, NoReturn
 from ..backend.capture.importers.interhand_command import COMMAND as IMPORT_INTERHAND
 from ..backend.capture.importers.transforms_command import COMMAND as IMPORT_TRANSFORMS
 from ..backend.capture.masks.mask_command import COMMAND as MASK
+from ..backend.commands import export
 from ..backend.commands import render_motion as render_poses
+from ..backend.commands.export import COMMAND as EXPORT
 from ..backend.commands.inspect import COMMAND as INSPECT
 from ..backend.commands.inspect import report
 from ..backend.commands.reenact.command import COMMAND as REENACT
@@ -41,7 +43,7 @@ from ..backend.training.command import COMMAND as TRAIN
 from .capture import command as capture
 from .render import command as render
 from .rigs import command as make_hand
-from .rigs import rig_motion
+from .rigs import export_sources, rig_motion
 
 ABOUT = "Photoreal frames of hands posed in Blender."
 
@@ -79,6 +81,27 @@ def _inspect(args: argparse.Namespace) -> Mapping[str, Any]:
     if args.file.is_file() and args.file.suffix.lower() in RIG_SUFFIXES:
         return _silent_in_blender(lambda args: report(rig_motion.rig_facts(args.file)))(args)
     return INSPECT.run(args)
+
+
+def _export(args: argparse.Namespace) -> Mapping[str, Any]:
+    """Export with Blender's importers and exporters where the source, the format or --rig needs them."""
+    source, is_scene = args.source.suffix.lower(), args.source.suffix.lower() == ".blend"
+    needs = args.rig or is_scene or source in RIG_SUFFIXES or args.output.suffix.lower() in export.BLENDER_SUFFIXES
+    return (
+        _silent_in_blender(partial(_export_in_blender, is_scene, source in RIG_SUFFIXES))(args)
+        if needs
+        else EXPORT.run(args)
+    )
+
+
+def _export_in_blender(is_scene: bool, is_rig: bool, args: argparse.Namespace) -> Mapping[str, Any]:
+    from .rigs.blender_writers import ALL_WRITERS
+
+    read = export_sources.take_of_blend if is_scene else export_sources.take_of_rig if is_rig else export.take_of_file
+    with _registered():
+        if args.rig:
+            return export_sources.send_to_character(args, read(args))
+        return export.run(args, read, ALL_WRITERS)
 
 
 def _in_blender(run: Run) -> Run:
@@ -153,6 +176,7 @@ COMMANDS: dict[str, Command] = {
         WARM_UP,
         SHEET,
         replace(INSPECT, run=_inspect),
+        replace(EXPORT, run=_export),
         THUMBNAIL,
         IMPORT_INTERHAND,
         IMPORT_TRANSFORMS,

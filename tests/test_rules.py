@@ -26,7 +26,7 @@ PRODUCT = (*HALVES, "tools")
 
 SHORTEST, LONGEST = 40, 400
 ALONE = 80  # a shorter module that one other of its room imports belongs into that
-FOLDERS_OF_ONES = {"formats", "importers"}  # one module each, however short
+FOLDERS_OF_ONES = {"formats", "importers", "writers"}  # one module each, however short
 MOST_IN_A_FOLDER, MOST_OF_A_NAME, MOST_OF_A_WORD = 25, 2, 8
 STEMS = {
     "seen_": r"(^|_)seen_",

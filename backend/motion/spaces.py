@@ -37,13 +37,14 @@ def transformed(motion: HandMotion, matrix: np.ndarray, wrists: np.ndarray) -> H
 
     Args:
         motion: of T frames.
-        matrix: [4, 4] from the motion's present space to the new one.
+        matrix: [4, 4] from the motion's present space to the new one, or [T, 4, 4].
         wrists: [T, 3] or [3] m, `rest_wrists` of its shape: theta rotates about them, so transl depends on them.
     """
-    rotation = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
+    linear = matrix[..., :3, :3]
+    rotation = linear / np.linalg.norm(linear, axis=-2, keepdims=True)
     theta = motion.theta.copy()
     theta[:, 0] = matrix_to_axis_angle(rotation @ axis_angle_to_matrix(motion.theta[:, 0]))
-    transl = (wrists + motion.transl) @ matrix[:3, :3].T + matrix[:3, 3] - wrists
+    transl = (linear @ (wrists + motion.transl)[..., None])[..., 0] + matrix[..., :3, 3] - wrists
     return replace(motion, theta=theta, transl=transl)
 
 

@@ -39,10 +39,12 @@ class AlignedForearm(NamedTuple):
     Attributes:
         rotation: [3, 3] from the template's frame to the world: the hand's, turned the shortest way.
         frame: [3, 3] in the world, of the rig's bone.
+        elbow: [3] unit vector in the world from the rig's wrist to the forearm's head.
     """
 
     rotation: np.ndarray
     frame: np.ndarray
+    elbow: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -123,8 +125,8 @@ def _forearm(
     if np.linalg.norm(elbow) < _SMALLEST_M:
         raise LiveHandError(f"the forearm '{joint_map.forearm}' must begin apart from the wrist; choose another bone")
     turned = palm @ -rest_forearm(model).frame[:, 1]
-    rotation = _shortest_rotation(turned, unit(elbow)) @ palm
-    return AlignedForearm(rotation, skeleton.frames[skeleton.index(joint_map.forearm)])
+    rotation = shortest_rotation(turned, unit(elbow)) @ palm
+    return AlignedForearm(rotation, skeleton.frames[skeleton.index(joint_map.forearm)], unit(elbow))
 
 
 def completed_joints(alignment: RestAlignment) -> np.ndarray:
@@ -266,7 +268,7 @@ def _finger_rotations(
     rotations, parent = [], palm
     for model_bone, rig_bone in zip(model_bones, rig_bones, strict=True):
         if np.isfinite(rig_bone).all():
-            parent = _shortest_rotation(parent @ model_bone, rig_bone) @ parent
+            parent = shortest_rotation(parent @ model_bone, rig_bone) @ parent
         rotations.append(parent)
     if axis is None or not np.isfinite(rig_bones[:2]).all():
         return rotations
@@ -287,7 +289,8 @@ def _bend_axis(directions: np.ndarray, guess: np.ndarray) -> np.ndarray:
     return unit((1 - share) * guess + share * np.sign(normal @ guess) * normal / bend)
 
 
-def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Compute the rotation [3, 3] by the smallest angle from one unit vector [3] to another."""
     axis = np.cross(start, end)
     sine = float(np.linalg.norm(axis))
     if sine < 1e-12:

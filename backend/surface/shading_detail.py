@@ -93,7 +93,7 @@ def detail_pixels(
     row = (seen.face[pixel] >= 0).nonzero()[:, 0]
     face, depth = seen.face[pixel[row]].long(), seen.depth[pixel[row]]
     corners, weights = mesh.faces[face], barycentric(mesh, camera, face, pixel[row])
-    gradients = _gradients(mesh.vertices[corners], mesh.corner_uv[face])
+    gradients = atlas_gradients(mesh.vertices[corners], mesh.corner_uv[face])
     uv = blend_corners(mesh.corner_uv[face], weights)
     pixel_m = camera.divisor(depth) / camera.focal_px
     values, log_ratio = _sampled(maps, uv, gradients, view[row], pixel_m, mesh.scale)
@@ -160,7 +160,35 @@ def log_albedo(maps: DetailMaps, uv: Float[Tensor, "P 2"], resolution: int) -> F
     return found + maps.ratio.sample(uv, level + math.log2(maps.ratio.resolution / maps.resolution))
 
 
-def _gradients(corners: Float[Tensor, "K 3 3"], uv: Float[Tensor, "K 3 2"]) -> Float[Tensor, "K 2 3"]:
+class TexelDetail(NamedTuple):
+    """The maps of a straight hand over P texels of an atlas.
+
+    Attributes:
+        log_albedo: [P, 3] logarithm of what albedo is multiplied by.
+        slopes: [P, 2] along u and v, template metres per unit of u and v.
+        alpha_squared: [P] of the gloss of skin.
+        nail: [P] 1 on nails.
+    """
+
+    log_albedo: Tensor
+    slopes: Tensor
+    alpha_squared: Tensor
+    nail: Tensor
+
+
+def texel_detail(maps: DetailMaps, uv: Float[Tensor, "P 2"], resolution: int) -> TexelDetail:
+    """Sample the maps of a straight hand at texels of an atlas of this resolution."""
+    values = maps.sample(uv, torch.full((len(uv),), math.log2(maps.resolution / resolution)))
+    slopes = values[:, 0:2] - values[:, 2:4] - DEEPENED_FROM * values[:, 4:6]
+    return TexelDetail(
+        log_albedo(maps, uv, resolution),
+        BUMP * 1e-3 * maps.resolution * slopes,
+        (values[:, SQUARED] + BUMP**2 * values[:, HIDDEN_FOLDS]).clamp(min=GLOSS_STEP),
+        values[:, NAIL],
+    )
+
+
+def atlas_gradients(corners: Float[Tensor, "K 3 3"], uv: Float[Tensor, "K 3 2"]) -> Float[Tensor, "K 2 3"]:
     """Compute the gradients of the atlas coordinates u and v on faces, 1/m, world."""
     (a, b, c), (uv_a, uv_b, uv_c) = corners.unbind(1), uv.unbind(1)
     ab, ac = b - a, c - a

@@ -17,7 +17,7 @@ from .hand import RiggedHand
 from .pose import bone_quaternions
 from .sliders import FINGER_SLIDERS, slider_path
 
-_ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}  # else Euler
+ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}  # else Euler
 # What a keyframe holds: numbers of each channel, and their type.
 _KEY_CHANNELS = {
     **dict.fromkeys(("co", "handle_left", "handle_right"), (2, np.float32)),
@@ -55,7 +55,7 @@ def keyframe_theta(
     for number in (*joints, 16) if turns_arm else joints:
         bone = hand.bones[number]
         bone.rotation_mode = "QUATERNION"
-        _key_channels(hand.armature, bone, "rotation_quaternion", frames, quaternions[:, number])
+        key_channels(hand.armature, bone, "rotation_quaternion", frames, quaternions[:, number])
     if transls is not None:
         keyframe_transl(hand, transls, frames)
 
@@ -71,7 +71,7 @@ def keyframe_transl(hand: RiggedHand, transls: np.ndarray, frames: Sequence[floa
     frames = _check(hand, frames, transls, (3,), "transls")
     carrier = Carrier.of(hand)
     locations = carrier.locations(transls, _present_rotations(hand.armature, carrier, frames))
-    _key_channels(hand.armature, carrier.bone, "location", frames, locations)
+    key_channels(hand.armature, carrier.bone, "location", frames, locations)
 
 
 def key_finger(hand: RiggedHand, finger: str, frame: float) -> None:
@@ -111,7 +111,7 @@ def hand_channels(hand: RiggedHand) -> Iterator[tuple[str, str]]:
 
 
 def _rotation_channel(bone: bpy.types.PoseBone) -> tuple[str, str]:
-    return bone.path_from_id(_ROTATION_CHANNELS.get(bone.rotation_mode, "rotation_euler")), bone.name
+    return bone.path_from_id(ROTATION_CHANNELS.get(bone.rotation_mode, "rotation_euler")), bone.name
 
 
 def _present_transls(hand: RiggedHand, frames: np.ndarray) -> np.ndarray:
@@ -124,7 +124,7 @@ def _present_transls(hand: RiggedHand, frames: np.ndarray) -> np.ndarray:
 def _present_rotations(armature: bpy.types.Object, carrier: Carrier, frames: np.ndarray) -> np.ndarray:
     """Compute rotations [T, 3, 3] of that bone in armature space in frames [T]."""
     mode = carrier.bone.rotation_mode
-    values = _present_values(armature, carrier.bone, _ROTATION_CHANNELS.get(mode, "rotation_euler"), frames)
+    values = _present_values(armature, carrier.bone, ROTATION_CHANNELS.get(mode, "rotation_euler"), frames)
     match mode:
         case "QUATERNION":
             own = np.array([mathutils.Quaternion(value).normalized().to_matrix() for value in values])
@@ -165,26 +165,31 @@ def _check(hand: RiggedHand, frames, values: np.ndarray, shape: tuple[int, ...],
     return frames
 
 
-def _key_channels(
+def key_channels(
     armature: bpy.types.Object, bone: bpy.types.PoseBone, channel: str, frames: np.ndarray, values: np.ndarray
 ) -> None:
-    """Key values [T, n] for the n channels of one array property of a bone."""
+    """Key values [T, n] for the n channels of one array property of a bone, at increasing frames [T]."""
     path = bone.path_from_id(channel)
     for index in range(values.shape[1]):
         curve = _ensure_curve(armature, path, index, bone.name)
         _set_keys(curve, frames, values[:, index])
 
 
-def _ensure_curve(armature: bpy.types.Object, path: str, index: int, group: str) -> bpy.types.FCurve:
-    animation = armature.animation_data or armature.animation_data_create()
+def key_values(owner: bpy.types.ID, path: str, group: str, frames: np.ndarray, values: np.ndarray) -> None:
+    """Key values [T] of a property of a data-block, by its path, at increasing frames [T]."""
+    _set_keys(_ensure_curve(owner, path, 0, group), frames, values)
+
+
+def _ensure_curve(owner: bpy.types.ID, path: str, index: int, group: str) -> bpy.types.FCurve:
+    animation = owner.animation_data or owner.animation_data_create()
     if animation.action is None:
-        animation.action = bpy.data.actions.new(f"{armature.name} Action")
+        animation.action = bpy.data.actions.new(f"{owner.name} Action")
     elif animation.action.library is not None:  # keys in it would not be saved
         animation.action = animation.action.copy()
     action = animation.action
     if not hasattr(action, "slots"):  # Blender 4.2 and 4.3
         return action.fcurves.find(path, index=index) or action.fcurves.new(path, index=index, action_group=group)
-    curve = action.fcurve_ensure_for_datablock(armature, path, index=index)
+    curve = action.fcurve_ensure_for_datablock(owner, path, index=index)
     if curve.group is None:
         groups = action.layers[0].strips[0].channelbag(animation.action_slot).groups
         curve.group = groups.get(group) or groups.new(group)

@@ -39,12 +39,23 @@ def open_character(path: Path) -> None:
         bpy.ops.wm.read_homefile(use_empty=True)
         import_rig(path)
     else:
-        try:
-            bpy.ops.wm.open_mainfile(filepath=operator_path(path), load_ui=False, use_scripts=False)
-        except RuntimeError as error:
-            raise LiveHandError(f"Blender must be able to read {path} ({str(error).strip()})") from error
+        open_blend(path)
     find_pictures(path.resolve().parent)
     bpy.context.view_layer.update()
+
+
+def open_blend(path: Path) -> None:
+    """Open a .blend, without running its scripts.
+
+    Raises:
+        LiveHandError: it does not exist, or Blender cannot read it.
+    """
+    if not path.is_file():
+        raise LiveHandError(f"no .blend at {path}; give the path of a saved one")
+    try:
+        bpy.ops.wm.open_mainfile(filepath=operator_path(path), load_ui=False, use_scripts=False)
+    except RuntimeError as error:
+        raise LiveHandError(f"Blender must be able to read {path} ({str(error).strip()})") from error
 
 
 def find_armature(name: str | None) -> bpy.types.Object:

@@ -60,7 +60,7 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
     check_editable(context, hand)
     alignment = align_hand(hand, source, fits_shape)
     if not is_natural(alignment.model, rest_pose(alignment)):
-        alignment = _natural_alignment(context, source, alignment)
+        alignment = natural_alignment(context, source, alignment)
     present = sample_source(context, source, [context.scene.frame_current])
     doubt = motion_doubts(alignment, retarget(replace(present, nodes=None), alignment))
     if is_following(hand.armature):
@@ -74,7 +74,7 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
     return doubt
 
 
-def _natural_alignment(context: bpy.types.Context, source: SourceRig, alignment: RestAlignment) -> RestAlignment:
+def natural_alignment(context: bpy.types.Context, source: SourceRig, alignment: RestAlignment) -> RestAlignment:
     """Return the alignment with the source's present pose, if a hand can have that; else the given one."""
     evaluated = source.armature.evaluated_get(context.evaluated_depsgraph_get())
     posed = posed_skeleton(evaluated, source.joint_map)
@@ -156,7 +156,7 @@ def _add_bones(context: bpy.types.Context, hand: RiggedHand, alignment: RestAlig
 
 def _add_forearm(bones, arm: Carrier, wrist: np.ndarray, alignment: RestAlignment) -> None:
     """Add the forearm's bones: the head of `FIT-` is where the forearm begins that ends at `SRC-`, the wrist [3]."""
-    rotation, frame = alignment.forearm or (alignment.rotations[0], alignment.frames[0])
+    rotation, frame = alignment.forearm[:2] if alignment.forearm else (alignment.rotations[0], alignment.frames[0])
     turn, name = frame.T @ rotation, arm.bone.name
     _add_bone(bones, _name(_SOURCE, name), None, wrist, np.eye(3))
     _add_bone(bones, _name(_FITTED, name), _name(_SOURCE, name), wrist - turn @ arm.reach, turn @ arm.frame)

@@ -30,6 +30,7 @@ from .source import SourceRig, read_skeleton, sample_source
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "dm": 0.1, "ft": 0.3048}
 _COMMON_UNITS = ("m", "cm", "mm")  # the others are tried if none of these gives the size of a hand
 _MOST_BVH_BYTES = 512 * MIB
+_ROUNDING = 1e-3  # of a frame, by which importers of files in seconds miss it
 Importer = Callable[[Path], object]
 _ADD_ONS = {".bvh": "BioVision Motion Capture (BVH) format", ".fbx": "FBX format", ".gltf": "glTF 2.0 format"}
 
@@ -87,7 +88,7 @@ def read_rig_file(
     path = file.path
     if not path.is_file():
         raise LiveHandError(f"a motion must be read from a file, got no file at {path}")
-    with _temporary_scene(context) as scene:
+    with temporary_scene(context) as scene:
         import_rig(path)
         bpy.context.view_layer.update()
         armature, guess = _best_hand(path, scene, file.side, model.side)
@@ -95,7 +96,9 @@ def read_rig_file(
         size = fit_shape(model.for_side(joint_map.side), source_nodes(skeleton, joint_map)).scale
         scale_m = UNITS_M[file.unit or likely_unit(size)]
         skeleton = replace(skeleton, heads=skeleton.heads * scale_m, tails=skeleton.tails * scale_m)
-        source = sample_source(bpy.context, SourceRig(armature, joint_map), _frames(armature)).scaled(scale_m)
+        source = sample_source(
+            bpy.context, SourceRig(armature, joint_map), _frames(armature, _stretch(path, scene))
+        ).scaled(scale_m)
         alignment = align(skeleton, joint_map, model, shape)
         motion = retarget(source, alignment)
         return RigFileMotion(motion, alignment.shape, armature.name, joint_map, motion_doubts(alignment, motion))
@@ -108,11 +111,11 @@ def likely_unit(size: float) -> str:
 
 
 @contextlib.contextmanager
-def _temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
+def temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
     """Give the context a new scene, within; afterwards it and everything created meanwhile are removed."""
     before = all_data()
     window, shown, render = context.window, context.scene, context.scene.render
-    scene = bpy.data.scenes.new("LiveHand Import")
+    scene = bpy.data.scenes.new("LiveHand")
     scene.render.fps, scene.render.fps_base = render.fps, render.fps_base
     try:
         if window is not None:  # the importers use the window's active object
@@ -208,8 +211,17 @@ def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side)
     return best
 
 
-def _frames(armature: bpy.types.Object) -> range:
-    """Find the range from the first to the last key of the actions of the armature and its parents."""
+def _stretch(path: Path, scene: bpy.types.Scene) -> float:
+    """Return the scene's frames in a frame of the file.
+
+    Blender's add-on for FBX sets the file's rate, but places keys by the rate rounded to a whole number.
+    """
+    is_add_ons = path.suffix.lower() == ".fbx" and hasattr(bpy.types, "IMPORT_SCENE_OT_fbx")
+    return scene.render.fps_base if is_add_ons else 1.0
+
+
+def _frames(armature: bpy.types.Object, stretch: float) -> list[float]:
+    """List the frames from the first to the last key of the actions of the armature and its parents."""
     ends = []
     thing: bpy.types.Object | None = armature
     while thing is not None:
@@ -217,8 +229,10 @@ def _frames(armature: bpy.types.Object) -> range:
             ends.append(tuple(thing.animation_data.action.frame_range))
         thing = thing.parent
     if not ends:
-        return range(1, 2)
-    return range(int(np.floor(min(end[0] for end in ends))), int(np.ceil(max(end[1] for end in ends))) + 1)
+        return [1.0]
+    first, last = (find(end[k] for end in ends) / stretch for k, find in enumerate((min, max)))
+    frames = range(int(np.floor(first + _ROUNDING)), int(np.ceil(last - _ROUNDING)) + 1)
+    return [stretch * frame for frame in frames]
 
 
 def all_data() -> set[bpy.types.ID]:

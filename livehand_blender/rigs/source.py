@@ -63,8 +63,8 @@ def set_shape(context: bpy.types.Context, hand: RiggedHand, shape: HandShape) ->
     context.view_layer.update()
 
 
-def sample_source(context: bpy.types.Context, source: SourceRig, frames: Iterable[int]) -> SourceMotion:
-    """Sample the motion of the mapped bones in frames of the scene, with constraints.
+def sample_source(context: bpy.types.Context, source: SourceRig, frames: Iterable[float]) -> SourceMotion:
+    """Sample the motion of the mapped bones in frames of the scene, or between them, with constraints.
 
     Raises:
         LiveHandError: a bone is missing, or a pose is not finite.
@@ -73,7 +73,7 @@ def sample_source(context: bpy.types.Context, source: SourceRig, frames: Iterabl
     rotations, nodes, ends, forearms = [], [], [], []
     with current_frame_restored(scene):
         for frame in frames:
-            scene.frame_set(frame)
+            scene.frame_set(int(np.floor(frame)), subframe=frame % 1)
             evaluated = source.armature.evaluated_get(context.evaluated_depsgraph_get())
             posed = posed_skeleton(evaluated, source.joint_map)
             rotations.append(posed.frames[[posed.index(name) for name in source.joint_map.drivers]])

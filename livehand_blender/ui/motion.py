@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import CollectionProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ...backend.motion.files.import_options import ImportOptions, motion_and_warning, with_options
@@ -17,13 +17,18 @@ from ...backend.motion.files.summary import file_summary
 from ...backend.motion.formats.own import write_motion
 from ...backend.motion.landmarks.picture_camera import PictureCamera
 from ...backend.motion.landmarks.take_file import TakeFile, take_doubts
+from ...backend.motion.mano_basis import find_basis
+from ...backend.motion.writers.registry import choose_writer
+from ...backend.motion.writers.writer import WriteOptions
 from ...backend.records.errors import LiveHandError
 from ...backend.rigs.rig_suffixes import RIG_SUFFIXES
 from ..motion.filmed import key_take
 from ..motion.keying import Placement, key_motion, sample_motion
-from ..rig.hand import RiggedHand
+from ..motion.taking import sample_take
+from ..rig.hand import RiggedHand, find_hands
 from ..rig.sliders import read_beta
 from ..rigs.bake import bake_file
+from ..rigs.blender_writers import ALL_WRITERS
 from ..rigs.importing import RigFile
 from ..scene.camera import read_camera
 from . import motion_files
@@ -32,6 +37,13 @@ from .motion_settings import MotionSettings
 
 _LINE_CHARACTERS = 40  # as wide as the side panel of the file browser shows
 _LARGEST_SHOWN_BYTES = 64 << 20  # the file browser reads no larger files
+_HANDS = (
+    ("ACTIVE", "Active", "The active hand"),
+    ("ALL", "All", "The scene's hands, one of each side; own format and MANO hold one"),
+)
+_FORMATS = tuple(
+    (writer.name, writer.title, f"Files that end in {', '.join(writer.suffixes)}") for writer in ALL_WRITERS
+)
 
 
 class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, ImportHelper):
@@ -185,6 +197,54 @@ class LIVEHAND_OT_export_motion(OnHand, FrameRange, bpy.types.Operator, ExportHe
         self.report({"INFO"}, f"Wrote {len(motion)} frames")
 
 
+class LIVEHAND_OT_export_take(OnHand, FrameRange, bpy.types.Operator, ExportHelper):
+    """Write the motion of hands in a range of frames for other programs."""
+
+    bl_idname = "livehand.export_take"
+    bl_label = "Export LiveHand Motion"
+    bl_options = {"REGISTER"}
+
+    format: EnumProperty(name="Format", description="Format of the file", items=_FORMATS)
+    hands: EnumProperty(name="Hands", description="Which hands are written", items=_HANDS)
+    from_mean: BoolProperty(name="From Mean", description="Finger angles count from MANO's mean pose", default=False)
+    mano_path: StringProperty(name="MANO File", description="Your MANO_RIGHT.pkl or MANO_LEFT.pkl", subtype="FILE_PATH")
+    filter_glob: StringProperty(default="*.npz;*.json;*.csv;*.bvh;*.fbx;*.glb;*.usd*", options={"HIDDEN"})
+
+    @property
+    def filename_ext(self) -> str:
+        """Return the suffix of the chosen format."""
+        return next(writer.suffixes[0] for writer in ALL_WRITERS if writer.name == self.format)
+
+    def draw(self, context):
+        """Draw the format, its options, and the frames."""
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.prop(self, "format")
+        layout.prop(self, "hands")
+        if self.format == "mano":
+            layout.prop(self, "from_mean")
+            column = layout.column()
+            column.active = self.from_mean
+            column.prop(self, "mano_path")
+        FrameRange.draw(self, context)
+
+    @reports_errors
+    def execute(self, context):
+        """Sample the frames, then write the file."""
+        path = Path(bpy.path.abspath(self.filepath))
+        writer = choose_writer(path, self.format, ALL_WRITERS)
+        active = RiggedHand.active(context)
+        hands = [RiggedHand.of(thing) for thing in find_hands(context.scene)] if self.hands == "ALL" else [active]
+        mano_path = Path(bpy.path.abspath(self.mano_path)) if self.mano_path else None
+        basis = find_basis(mano_path, active.model_path) if self.from_mean else None
+        take = sample_take(context, hands, self.frames(context.scene))
+        losses = writer.write(take, path, WriteOptions(self.from_mean and writer.name == "mano", basis))
+        if losses:
+            self.report({"WARNING"}, f"{writer.title}: {'; '.join(losses)}")
+        self.report({"INFO"}, f"Wrote {take.count} frames as {writer.title}")
+
+
 class LIVEHAND_PT_motion(HandTab, bpy.types.Panel):
     """Motions of the active hand."""
 
@@ -193,10 +253,16 @@ class LIVEHAND_PT_motion(HandTab, bpy.types.Panel):
     def draw(self, context):
         """Import and export."""
         self.layout.operator("livehand.import_motion", text="Import Motion", icon="IMPORT")
-        self.layout.operator("livehand.export_motion", text="Export Motion", icon="EXPORT")
+        self.layout.operator("livehand.export_take", text="Export Motion", icon="EXPORT")
 
 
-CLASSES = (LIVEHAND_OT_import_motion, LIVEHAND_OT_export_motion, *motion_files.CLASSES, LIVEHAND_PT_motion)
+CLASSES = (
+    LIVEHAND_OT_import_motion,
+    LIVEHAND_OT_export_motion,
+    LIVEHAND_OT_export_take,
+    *motion_files.CLASSES,
+    LIVEHAND_PT_motion,
+)
 
 
 def _is_rig(paths: list[Path]) -> bool:

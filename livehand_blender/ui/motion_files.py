@@ -64,4 +64,4 @@ def _draw_import(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 def _draw_export(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
-    menu.layout.operator("livehand.export_motion", text="LiveHand Motion (.npz)")
+    menu.layout.operator("livehand.export_take", text="LiveHand Motion (.npz, .bvh, .fbx, ...)")

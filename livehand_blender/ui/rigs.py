@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bpy
-from bpy.props import BoolProperty
+from bpy.props import BoolProperty, EnumProperty
 
 from ...backend.hand.bones import FINGERS as SHOWN_FINGERS
 from ...backend.hand.model import JOINT_NAMES, MANO_FINGERS
@@ -12,13 +12,20 @@ from ...backend.rigs.doubts import rest_doubts
 from ...backend.rigs.joint_guess import JointGuess, guess_joints
 from ...backend.rigs.rest_alignment import align
 from ...backend.rigs.source_skeleton import JointMap, SourceSkeleton
+from ..motion.taking import sample_take
 from ..rig.follow_properties import tip_property
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.sliders import slider_path
 from ..rigs.bake import bake
 from ..rigs.follow import check_editable, follow, is_following, stop_following
+from ..rigs.sending import send
 from ..rigs.source import SourceRig, read_skeleton
 from .mixins import FrameRange, HandTab, OnHand, polled_hand, reports_errors
+
+_ARMS = (
+    ("FK", "FK", "Turn the arm's bones, or a generated rig's FK controls"),
+    ("IK", "IK", "Move the IK control of a generated rig"),
+)
 
 
 def _has_rig(armature: bpy.types.Object) -> bool:
@@ -105,6 +112,35 @@ class LIVEHAND_OT_bake_rig(_OnRig, FrameRange, bpy.types.Operator):
         self.report({"INFO"}, f"Keyed {keyed.frames} frames")
 
 
+class LIVEHAND_OT_send_to_rig(_OnRig, FrameRange, bpy.types.Operator):
+    """Key the other rig's own bones with the hand's motion in a range of frames."""
+
+    bl_idname = "livehand.send_to_rig"
+    bl_label = "Send to Rig"
+
+    arm: EnumProperty(name="Arm", description="The controls that move the wrist", items=_ARMS)
+
+    def invoke(self, context, event):
+        """Ask for the frames and the arm."""
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, context):
+        """Draw the frames and the arm."""
+        FrameRange.draw(self, context)
+        self.layout.prop(self, "arm")
+
+    @reports_errors
+    def execute(self, context):
+        """Sample the hand, then key the rig."""
+        hand = RiggedHand.active(context)
+        frames = self.frames(context.scene)
+        taken = sample_take(context, [hand], frames).hands[0]
+        sent = send(context, taken, _source(hand), frames, hand.properties.other_rig.fits_shape, self.arm)
+        if sent.doubt:
+            self.report({"WARNING"}, f"Check the rig: {sent.doubt}")
+        self.report({"INFO"}, f"Keyed {sent.bones} bones in {sent.frames} frames")
+
+
 class LIVEHAND_OT_stop_following(OnHand, bpy.types.Operator):
     """Remove the constraints that make the hand follow another rig."""
 
@@ -147,6 +183,7 @@ class LIVEHAND_PT_other_rig(HandTab, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("livehand.follow_rig", icon="CON_ARMATURE")
         row.operator("livehand.bake_rig", text="Bake", icon="KEY_HLT")
+        layout.operator("livehand.send_to_rig", icon="EXPORT")
         if is_following(armature):
             layout.prop(armature, slider_path("follow"), text="Influence", slider=True)
             layout.operator("livehand.stop_following", icon="X")
@@ -184,6 +221,7 @@ CLASSES = (
     LIVEHAND_OT_guess_bones,
     LIVEHAND_OT_follow_rig,
     LIVEHAND_OT_bake_rig,
+    LIVEHAND_OT_send_to_rig,
     LIVEHAND_OT_stop_following,
     LIVEHAND_PT_other_rig,
     LIVEHAND_PT_other_rig_bones,

@@ -13,7 +13,22 @@ from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
 from ...system.files import is_file, is_folder
 from ..document import SUFFIXES, Document, load_document
-from ..formats import arctic, body, dexycb, freihand, grab, hamer, ho3d, hot3d, own, raw, wilor_frames
+from ..formats import (
+    arctic,
+    body,
+    dexycb,
+    freihand,
+    grab,
+    hamer,
+    ho3d,
+    hot3d,
+    mano,
+    openxr,
+    own,
+    own_table,
+    raw,
+    wilor_frames,
+)
 from ..formats.format import Format
 from ..formats.neural_annot import is_neural_annot, read_neural_annot
 from ..gate import bends_backwards
@@ -27,6 +42,9 @@ from .other_files import advice, advice_by_suffix
 # The most specific first: the first format that matches reads the document.
 FORMATS: tuple[Format, ...] = (
     own.FORMAT,
+    mano.FORMAT,
+    openxr.FORMAT,
+    own_table.FORMAT,
     hamer.FORMAT,
     wilor_frames.FORMAT,
     grab.FORMAT,

@@ -1,0 +1,1 @@
+"""An avatar as a mesh with textures, for other engines."""
