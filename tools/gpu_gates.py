@@ -18,7 +18,6 @@ import numpy as np
 import torch
 
 from ..backend.avatars.file import load_avatar
-from ..backend.compute.gpu.frame_parameters import FrameShape, fill_parameters
 from ..backend.hand.model_file import load_default_hand
 from ..backend.records.errors import LiveHandError
 from ..backend.records.light import Lamp, Light, Sky, rotation_facing
@@ -98,6 +97,8 @@ def frame_gates(renderer: Renderer, frames: int) -> list[Gate]:
 
 def parts_of_frame(renderer: Renderer, frames: int) -> list[str]:
     """Time what a small frame consists of: the host's parameters, and the recorded sequence with its copies."""
+    from ..backend.compute.gpu.frame_parameters import FrameShape, fill_parameters
+
     pipeline, (shot,) = renderer.pipeline, moving_shots(_SMALL, 1)
     shots = pipeline._shots
     given: list = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -88,6 +88,7 @@ class LitShot(NamedTuple):
     light: LightSamples
 
 
+@runtime_checkable
 class LitFrameRenderer(Protocol):
     """Renders lit frames of one model."""
 

@@ -36,8 +36,6 @@ BELOW_HORIZON = -0.25
 SKY_CELL_RAD = 0.6
 """Half the angle over which each of the sky's directions is spread where its share in a lobe is weighed: beyond its
 cell, so that all are even."""
-# Of the mean light, and how much brighter than ours measured light may be before it counts as another.
-_NEXT_TO_NOTHING, _MOST_ARRIVING = 0.02, 1.1
 _TINY = 1e-8
 
 
@@ -166,14 +164,7 @@ class DirectLight(NamedTuple):
         points: SurfacePoints,
         indirect: IndirectDiffuse = indirect_diffuse,
     ) -> LightFeatures:
-        """Add what the hand reflects on itself.
-
-        Args:
-            light: sampled.
-            skin: what reflects.
-            points: of these features.
-            indirect: as `indirect_diffuse`.
-        """
+        """Add what the skin reflects on the points, by `indirect_diffuse` or what equals it."""
         position, (sky, lamps) = points.position, light
         at_points = points.hit_points, position, points.normal
         return LightFeatures(
@@ -402,25 +393,3 @@ def lamps_on(
 def sky_on(features: LightFeatures, normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
     """Compute `diffuse_light` of the sky."""
     return torch.einsum("px,pxc->pc", normal, features.sky_vectors).clamp(min=0)
-
-
-def corrected(
-    features: LightFeatures, normal: Float[Tensor, "R 3"], direct: Float[Tensor, "R 3"], indirect: Float[Tensor, "R 3"]
-) -> LightFeatures:
-    """Correct the features by the light that was measured on a white surface at their points.
-
-    Where less light arrives than ours, all of it is scaled down; what arrives besides, as from surfaces that emit, is
-    taken for diffuse.
-
-    Args:
-        features: of the same light.
-        normal: of the mesh, unit.
-        direct: from lamps, sky and emitting surfaces.
-        indirect: reflected by the scene and the hand.
-    """
-    ours = diffuse_light(features, normal)
-    # Where ours is next to nothing, the ratio is next to meaningless: it tends to 1.
-    floor = _NEXT_TO_NOTHING * ours.mean(0)
-    arriving = ((direct + floor) / (ours + floor).clamp(min=_TINY)).clamp(0, _MOST_ARRIVING)
-    besides = (direct - arriving * ours).clamp(min=0)
-    return features._replace(arriving=arriving, reflected=indirect + besides)

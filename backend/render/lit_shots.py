@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -65,7 +66,7 @@ class LitShots:
     hand: HandModel
     surface: AvatarSurface
     backend: ReferenceBackend
-    _lock: threading.Lock = field(default_factory=threading.Lock, compare=False, repr=False)
+    _lock: AbstractContextManager = field(default_factory=threading.Lock, compare=False, repr=False)
 
     @classmethod
     def of(cls, avatar: Avatar, hand: HandModel, backend: ReferenceBackend) -> LitShots | None:

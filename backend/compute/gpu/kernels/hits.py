@@ -233,7 +233,7 @@ def paint_maps(
     height = row.shape[0] / width
     own = _own_share(alpha[ray], hit_m[at])
     total = wp.float32(0.0)
-    opacity = alpha[ray]
+    opacity = float(alpha[ray])
     if own < 1.0:
         filled = wp.float32(0.0)
         for k in range(around.shape[0]):
@@ -245,7 +245,7 @@ def paint_maps(
             opacity = filled / total + own * (alpha[ray] - filled / total)
     place = (y + 1) * (width + 2) + x + 1
     for c in range(channels):
-        value = low[ray, c]
+        value = float(low[ray, c])
         if total > _LEAST_WEIGHT:
             mean = wp.float32(0.0)
             for k in range(around.shape[0]):

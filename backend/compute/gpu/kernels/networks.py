@@ -121,3 +121,7 @@ def decode_rays(count: Ints, coefficients: int, raw: Floats2, alpha: Floats, low
         argument = wp.max(value, _LEAST_ARGUMENT)
         value = wp.max(argument, 0.0) + wp.log(1.0 + wp.exp(-wp.abs(argument)))
     low[ray, channel] = value * alpha[ray]
+
+
+for _kind in (wp.float16, wp.float32):
+    wp.overload(decoder_inputs, {"out": wp.array2d(dtype=_kind)})

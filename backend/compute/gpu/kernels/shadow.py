@@ -40,7 +40,7 @@ def in_radii(point: wp.vec3, sphere: Floats) -> wp.vec3:
 @no_type_check
 def points_of(table: Ints2, view: int, rays: int) -> int:
     """Compute how many points a view has."""
-    points = table[view, POINTS]
+    points = int(table[view, POINTS])
     if table[view, POINTS_PER_RAY] > 0:
         points += rays
     return points

@@ -62,7 +62,7 @@ def joint_motions(
                     own -= 1.0
                 features[9 * (joint - 1) + 3 * row + column] = own
     shift = rest_joints[joint]
-    at = parents[joint]
+    at = int(parents[joint])
     if at >= 0:
         shift = rest_joints[joint] - rest_joints[at]
     while at >= 0:
@@ -72,7 +72,7 @@ def joint_motions(
             from_parent = rest_joints[at] - rest_joints[parents[at]]
         shift = above * shift + from_parent
         turn = above * turn
-        at = parents[at]
+        at = int(parents[at])
     _store(transforms, joint, turn, shift - turn * rest_joints[joint])
 
 
@@ -96,7 +96,7 @@ def skin_vertices(
     """
     vertex = wp.tid()
     for axis in range(3):
-        shaped = template[vertex][axis]
+        shaped = float(template[vertex][axis])
         for k in range(beta.shape[0]):
             shaped += shape_directions[vertex, axis, k] * beta[k]
         corrected = wp.float32(0.0)
