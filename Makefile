@@ -25,7 +25,7 @@ KILLS ?= 200
 # A Blender program for `make test-gui`, with torch in its Python.
 BLENDER ?= blender
 
-.PHONY: demo test test-fast test-nightly fuzz kills test-cuda test-gui test-matrix check results benchmark claims docs zip release clean
+.PHONY: demo test test-fast test-nightly fuzz kills test-cuda gates test-gui test-matrix check results benchmark claims docs zip release clean
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
@@ -64,6 +64,10 @@ test-fast: $(VENV)/dev.stamp
 test-cuda: $(VENV)/dev.stamp
 	@$(VENV_PYTHON) -c 'import sys, torch; sys.exit(None if torch.cuda.is_available() else "make test-cuda needs a CUDA GPU and a CUDA build of torch")'
 	$(VENV_PYTHON) -m pytest -q tests/test_cuda.py tests/compute/gpu
+
+# The day there is a GPU: those tests, and the times of frames against what is asked of them.
+gates: $(VENV)/dev.stamp
+	$(VENV_PYTHON) -m livehand.tools.gpu_gates
 
 # The Blender tests in each of the other versions; all are run, then it fails if one did.
 test-matrix: $(OTHER_BLENDERS:%=.venv-bpy%/test.stamp)

@@ -1,4 +1,4 @@
-"""`livehand render` of a pose file, without Blender: PNGs with alpha of the hand alone, seen from the front.
+"""`livehand render` of a pose file, without Blender: PNGs or EXRs with alpha of the hand alone, from the front.
 
 A relightable avatar is in a studio's light. The wrist rotates as in the file and does not move. A file in a camera's
 axes is seen from that camera; a take in a world's axes is turned by half a turn where the camera would see the stump.
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     (path,) = args.shots
     from ..avatars.file import load_avatar
     from ..hand.lbs import posed_vertices
-    from ..image.png_writer import PngWriter
+    from ..image.frame_writer import FrameWriter
     from ..render.renderer import Renderer
     from ..render.studio_light import studio_light
 
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     camera = fitting_camera(sampled_vertices(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILL)
     light, report = studio_light(), RunReport({path: args.output}, args.output, args.json)
     report.add(path, ShotOpened(str(args.output), len(frames)))
-    with PngWriter() as writer:
+    with FrameWriter() as writer:
         for number, index in enumerate(frames, 1):
             started, pose = time.perf_counter(), motion.pose(index)
             frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera, light))
@@ -106,7 +106,10 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
                 seconds = time.perf_counter() - started
                 report.add(path, FrameProgress(*place, len(frames), "written", seconds))
 
-            writer.write(frame, args.output / f"{first + index + 1:04d}.png", written)
+            *others, last = args.format or ("png",)
+            for kind in others:
+                writer.write(frame, args.output / f"{first + index + 1:04d}.{kind}")
+            writer.write(frame, args.output / f"{first + index + 1:04d}.{last}", written)
     return report.result()
 
 

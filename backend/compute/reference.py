@@ -41,6 +41,7 @@ from ..surface.detail_mesh import detail_mesh, visible_surface
 from ..surface.edge_antialiasing import blended
 from ..surface.ray_hits import ray_hits
 from ..surface.shading_detail import detailed_image
+from .lit_frames import FrameModel, LitFrameRenderer
 from .precision import Precision, autocast, decoder_in_precision, in_precision
 
 RayRenderer = Callable[[HandInView, FrameConditions, RenderHooks], RenderedRays]
@@ -55,9 +56,11 @@ class ReferenceBackend:
 
     Attributes:
         frames_at_once: of a sequence, in threads that share the processor, where one by one would take longer.
+        renders_lit_frames: whether it renders whole lit frames at once, and not only stage by stage.
     """
 
     frames_at_once = 1
+    renders_lit_frames = False
 
     skin_motion = staticmethod(skin_motion)
     posed_mesh = staticmethod(posed_mesh)
@@ -88,6 +91,10 @@ class ReferenceBackend:
     ray_hits = staticmethod(ray_hits)
     detailed_image = staticmethod(detailed_image)
     blended = staticmethod(blended)
+
+    def lit_frames(self, model: FrameModel) -> LitFrameRenderer:
+        """Return what renders whole lit frames of a model, if `renders_lit_frames`."""
+        raise NotImplementedError
 
     @staticmethod
     def threads_of_frame(pixels: int) -> AbstractContextManager[None]:

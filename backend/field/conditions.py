@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..geometry.local_rotation import LocalFrames, local_rotations
@@ -75,13 +75,18 @@ def vertex_local_pose(theta: Float[Tensor, "16 3"], skinning: Skinning) -> Float
 
     The root's rotation is left out: it turns the whole hand, which normals and view directions already express.
     """
+    return skinning.lbs_weights @ joint_pose(theta, skinning.parents)
+
+
+def joint_pose(theta: Float[Tensor, "16 3"], parents: Int[Tensor, " 16"]) -> Float[Tensor, "16 9"]:
+    """Join each joint's axis-angle, its parent's and its child's, rad."""
     fingers = theta.clone()
     fingers[0] = 0
-    parents = skinning.parents.clamp(min=0)
+    parents = parents.clamp(min=0)
     of_parent = fingers[parents]
     of_child = torch.zeros_like(fingers).index_add(0, parents[1:], fingers[1:])
     of_child[0] = 0  # the sum over five fingers carries no information
-    return skinning.lbs_weights @ torch.cat([fingers, of_parent, of_child], -1)
+    return torch.cat([fingers, of_parent, of_child], -1)
 
 
 class FrameConditions(NamedTuple):

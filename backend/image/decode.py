@@ -16,7 +16,7 @@ from .crop import Crop
 from .srgb import linear_to_srgb, srgb_to_linear
 
 # Alpha below half an 8-bit level counts as 0: super-resolution is never exactly 0 beside the hand.
-_MIN_ALPHA = 0.5 / 255
+MIN_ALPHA = 0.5 / 255
 
 
 def decode_frame(
@@ -42,7 +42,7 @@ def linear_frame(
 
 
 def _clear_alpha(alpha: Float[Tensor, "h w"]) -> Float[Tensor, "h w"]:
-    return threshold(alpha.clamp(max=1), _MIN_ALPHA, 0.0)
+    return threshold(alpha.clamp(max=1), MIN_ALPHA, 0.0)
 
 
 def _frame(linear: Tensor, alpha: Tensor, depth: Tensor, window: Crop, size_px: tuple[int, int]) -> Frame:

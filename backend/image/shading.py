@@ -7,6 +7,7 @@ a light.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import accumulate
 from typing import NamedTuple
 
 import torch
@@ -251,6 +252,14 @@ def ray_rows(features: LightFeatures) -> Float[Tensor, "R C"]:
     """Join all that differs from ray to ray, a row for each; it may share the features' memory."""
     parts = [getattr(features, name).flatten(1) for name in _OF_RAYS]
     return torch.cat(parts, 1) if (whole := _side_by_side(parts)) is None else whole
+
+
+def ray_row_columns(lamps: int) -> dict[str, slice]:
+    """Return where rows of `ray_rows` hold which features of a light of so many lamps."""
+    counts = dict.fromkeys(_OF_RAYS, 3) | {"lamp_vectors": 3 * lamps, "sky_vectors": 9, "lobe_visibility": 2}
+    counts |= {"near_field_specular": 6, "scattered": 6}
+    ends = list(accumulate(counts.values()))
+    return {name: slice(end - count, end) for (name, count), end in zip(counts.items(), ends, strict=True)}
 
 
 def _side_by_side(parts: list[Tensor]) -> Float[Tensor, "R C"] | None:

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from .brdf import alphas, bump_shadowing, clamped_reflection_normal, ggx, horizon_occlusion, squared_alphas
-from .indirect_diffuse import MeshPoints, Surfels, indirect_diffuse_on_mesh
+from .indirect_diffuse import IndirectDiffuse, MeshPoints, Surfels, indirect_diffuse, indirect_diffuse_on_mesh
 from .lamp_samples import LampSamples
 from .prefiltered_environment import PrefilteredEnvironment
 from .samples import LightSamples
@@ -36,8 +36,6 @@ BELOW_HORIZON = -0.25
 SKY_CELL_RAD = 0.6
 """Half the angle over which each of the sky's directions is spread where its share in a lobe is weighed: beyond its
 cell, so that all are even."""
-# Of the mean light, and how much brighter than ours measured light may be before it counts as another.
-_NEXT_TO_NOTHING, _MOST_ARRIVING = 0.02, 1.1
 _TINY = 1e-8
 
 
@@ -151,6 +149,38 @@ class LightFeatures(NamedTuple):
     reflected: Tensor
 
 
+class DirectLight(NamedTuple):
+    """What arrives at R points from lamps and sky; as in `LightFeatures`."""
+
+    lamp_vectors: Tensor
+    sky_vectors: Tensor
+    lobe_visibility: Tensor
+    scattered: Tensor
+
+    def with_indirect(
+        self,
+        light: LightSamples,
+        skin: SurfelIrradiance,
+        points: SurfacePoints,
+        indirect: IndirectDiffuse = indirect_diffuse,
+    ) -> LightFeatures:
+        """Add what the skin reflects on the points, by `indirect_diffuse` or what equals it."""
+        position, (sky, lamps) = points.position, light
+        at_points = points.hit_points, position, points.normal
+        return LightFeatures(
+            lamp_vectors=self.lamp_vectors,
+            lamp_rgb=lamps.rgb,
+            lamp_radius_rad=lamps.radius_rad,
+            sky_vectors=self.sky_vectors,
+            lobe_visibility=self.lobe_visibility,
+            mirrored=sky.mirrored,
+            near_field_specular=position.new_zeros(len(position), 2, 3),
+            scattered=self.scattered,
+            arriving=torch.ones_like(position),
+            reflected=indirect_diffuse_on_mesh(*at_points, skin.surfels, skin.emitted(light), indirect),
+        )
+
+
 def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> AmbientOcclusion:
     """Compute the ambient occlusion of points with these normals."""
     seen = shadows.lit * (sky.towards @ normal.T).clamp_(min=0)
@@ -170,27 +200,20 @@ def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePo
     # What is far below the horizon must not weigh against the rest; close to it, a pixel's own normal decides.
     faces = (towards * points.relief_normal).sum(-1) > BELOW_HORIZON
     vectors = towards * (strength * lit * faces)[..., None]
-    count, surfels = len(lamps.rgb), shadows.surfels
+    count = len(lamps.rgb)
     summed = [
         values.new_zeros(count, *values.shape[1:]).index_add(0, lamps.lamp, values) for values in (vectors, of_lamps)
     ]
     sky_towards = sky.towards[:, None].expand(-1, len(points.position), -1)
     of_sky = _scattered(sky_towards, torch.ones_like(shadows.sky.lit), shadows.sky.depth_in_m, points.normal)
     facing = (sky.towards @ points.relief_normal.T > 0) * shadows.sky.lit
-    return LightFeatures(
+    direct = DirectLight(
         lamp_vectors=summed[0].transpose(0, 1),
-        lamp_rgb=lamps.rgb,
-        lamp_radius_rad=lamps.radius_rad,
         sky_vectors=torch.einsum("kr,kx,kc->rxc", facing, sky.towards, sky.flux),
         lobe_visibility=_lobe_visibility(sky, shadows.sky.lit, points),
-        mirrored=sky.mirrored,
-        near_field_specular=points.position.new_zeros(len(points.position), 2, 3),
         scattered=torch.einsum("lrs,lc->rsc", summed[1], lamps.rgb) + torch.einsum("krs,kc->rsc", of_sky, sky.flux),
-        arriving=torch.ones_like(points.position),
-        reflected=indirect_diffuse_on_mesh(
-            points.hit_points, points.position, points.normal, surfels.surfels, surfels.emitted(light)
-        ),
     )
+    return direct.with_indirect(light, shadows.surfels, points)
 
 
 def irradiance_at_surfels(
@@ -370,25 +393,3 @@ def lamps_on(
 def sky_on(features: LightFeatures, normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
     """Compute `diffuse_light` of the sky."""
     return torch.einsum("px,pxc->pc", normal, features.sky_vectors).clamp(min=0)
-
-
-def corrected(
-    features: LightFeatures, normal: Float[Tensor, "R 3"], direct: Float[Tensor, "R 3"], indirect: Float[Tensor, "R 3"]
-) -> LightFeatures:
-    """Correct the features by the light that was measured on a white surface at their points.
-
-    Where less light arrives than ours, all of it is scaled down; what arrives besides, as from surfaces that emit, is
-    taken for diffuse.
-
-    Args:
-        features: of the same light.
-        normal: of the mesh, unit.
-        direct: from lamps, sky and emitting surfaces.
-        indirect: reflected by the scene and the hand.
-    """
-    ours = diffuse_light(features, normal)
-    # Where ours is next to nothing, the ratio is next to meaningless: it tends to 1.
-    floor = _NEXT_TO_NOTHING * ours.mean(0)
-    arriving = ((direct + floor) / (ours + floor).clamp(min=_TINY)).clamp(0, _MOST_ARRIVING)
-    besides = (direct - arriving * ours).clamp(min=0)
-    return features._replace(arriving=arriving, reflected=indirect + besides)

@@ -24,6 +24,9 @@ MAX_DEPTH_IN_M = 0.025
 """Depths behind the surface are measured up to this, template metres; no light passes through more skin."""
 FAR = 1000.0
 """Distance of parallel light, in radii of the mesh: its rays are then parallel to 0.1 degrees."""
+SKY_MAP_PX, LAMP_MAP_PX, SOFT_MAP_PX, SURFEL_MAP_PX = 64, 256, 192, 64
+"""Sides of the shadow maps of one direction of the sky, and of one sample of a lamp: at rays and patches; at rays, of a
+lamp whose shadows are too soft to show their pixels; at surfels."""
 # Where light grazes, smooth normals face it on faces that do not; the middle of the mesh is far enough to allow for it.
 _GRAZING_M = 0.001
 # An object in contact with the skin touches a mesh that is coarser than both; template metres.
@@ -172,7 +175,7 @@ def point_shadows(
         look_up: makes the maps and compares the points with them; None: `look_up_reference`.
     """
     bounds = bounds or Bounds.of(mesh)
-    in_template = float(mesh.scale / bounds.radius)
+    tolerance, contact, max_depth_in, template_m = scene_lengths(float(mesh.scale / bounds.radius))
     vertices, others, local = ((at - bounds.centre) / bounds.radius for at in (mesh.vertices, occluders, points))
     scene = ShadowScene(
         views=views,
@@ -180,12 +183,17 @@ def point_shadows(
         faces=faces,
         others=others.reshape(-1, 3),
         map_px=map_px,
-        tolerance=_GRAZING_M * in_template,
-        contact=_CONTACT_M * in_template,
-        max_depth_in=MAX_DEPTH_IN_M * in_template,
-        template_m=1 / in_template,
+        tolerance=tolerance,
+        contact=contact,
+        max_depth_in=max_depth_in,
+        template_m=template_m,
     )
     return (look_up or look_up_reference)(scene, local)
+
+
+def scene_lengths(in_template: float) -> tuple[float, float, float, float]:
+    """Compute tolerance, contact, max_depth_in and template_m of `ShadowScene`; `in_template`: radii of a metre."""
+    return _GRAZING_M * in_template, _CONTACT_M * in_template, MAX_DEPTH_IN_M * in_template, 1 / in_template
 
 
 def projected(points: Float[Tensor, "P 3"], scene: ShadowScene, windows: MapWindows) -> ProjectedPoints:

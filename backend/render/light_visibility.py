@@ -20,14 +20,20 @@ from ..light.lighting import FrameShadows, LightFeatures, SurfacePoints, SurfelI
 from ..light.near_field_light import PatchIrradiance
 from ..light.nearby_geometry import Patches
 from ..light.samples import LightSamples
-from ..light.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows, ShadowViews
+from ..light.shadow_maps import (
+    LAMP_MAP_PX,
+    MAX_DEPTH_IN_M,
+    SKY_MAP_PX,
+    SOFT_MAP_PX,
+    SURFEL_MAP_PX,
+    Bounds,
+    PointShadows,
+    ShadowViews,
+)
 from ..light.sky_samples import SKY_DIRECTIONS, ShadowedSky, SkySamples
 from ..records.light import Light
 from .primary_hits import LampShadowCaster, LampShadowCasters
 
-SKY_MAP_PX, LAMP_MAP_PX, SOFT_MAP_PX, SURFEL_MAP_PX = 64, 256, 192, 64
-"""Sides of the shadow maps of one direction of the sky, and of one sample of a lamp: at rays and patches; at rays, of a
-lamp whose shadows are too soft to show their pixels; at surfels."""
 # By how much patches lie before their surface in shadow maps: it must not shadow itself where light grazes.
 _PATCH_LIFT_PX = 1.5
 NO_OCCLUDERS = torch.zeros(0, 3, 3)

@@ -12,7 +12,7 @@ from torch.nn.functional import avg_pool2d, grid_sample
 
 from ..image.crop import Crop
 from ..image.edge_avoiding_filter import EdgeAvoidingMean, RaySurfacePoints, edge_avoiding_mean
-from ..light.lighting import LightFeatures, corrected
+from ..light.lighting import LightFeatures, diffuse_light
 from ..records.light import MeasuredLight
 
 # Sides, in measured pixels, of the squares whose mean is taken: the next larger one where the smaller hardly shows the
@@ -23,6 +23,9 @@ _STRIDES = (1, 2, 4)  # of the passes of `without_noise`, in rays
 _LEAST_COVERED = 0.2
 _LEAST_KNOWN = 1e-3  # of the weights about a ray
 _TINY = 1e-6
+# Of the mean light, and how much brighter than ours measured light may be before it counts as another.
+_NEXT_TO_NOTHING, _MOST_ARRIVING = 0.02, 1.1
+_DARKEST = 1e-8
 
 
 def measured_at(
@@ -101,3 +104,25 @@ def without_noise(
     for stride in _STRIDES:
         values = means(values, hit_points, stride)
     return values
+
+
+def corrected(
+    features: LightFeatures, normal: Float[Tensor, "R 3"], direct: Float[Tensor, "R 3"], indirect: Float[Tensor, "R 3"]
+) -> LightFeatures:
+    """Correct the features by the light that was measured on a white surface at their points.
+
+    Where less light arrives than ours, all of it is scaled down; what arrives besides, as from surfaces that emit, is
+    taken for diffuse.
+
+    Args:
+        features: of the same light.
+        normal: of the mesh, unit.
+        direct: from lamps, sky and emitting surfaces.
+        indirect: reflected by the scene and the hand.
+    """
+    ours = diffuse_light(features, normal)
+    # Where ours is next to nothing, the ratio is next to meaningless: it tends to 1.
+    floor = _NEXT_TO_NOTHING * ours.mean(0)
+    arriving = ((direct + floor) / (ours + floor).clamp(min=_DARKEST)).clamp(0, _MOST_ARRIVING)
+    besides = (direct - arriving * ours).clamp(min=0)
+    return features._replace(arriving=arriving, reflected=indirect + besides)

@@ -28,8 +28,8 @@ from ..light.lighting import SurfacePoints
 from ..surface.detail_mesh import DetailMesh
 from ..surface.ray_hits import RayHits
 
-# Template metres: how far the skin stands out of the mesh, and by how much the depths of two surfaces differ.
-_STANDS_OUT_M, _EDGE_M = 0.0006, 0.003
+STANDS_OUT_M, EDGE_M = 0.0006, 0.003
+"""Template metres: how far the skin stands out of the mesh, and by how much the depths of two surfaces differ."""
 
 
 class PrimaryHits(NamedTuple):
@@ -166,9 +166,9 @@ class SkinLayers(NamedTuple):
 def skin_layers(backend: ReferenceBackend, hand: HandInView) -> SkinLayers:
     """Find the skin that the rays of all pixels may meet."""
     vertices, normals, scale = hand.mesh
-    outer = hand.mesh._replace(vertices=vertices + _STANDS_OUT_M * scale * normals)
+    outer = hand.mesh._replace(vertices=vertices + STANDS_OUT_M * scale * normals)
     of_mesh, of_outer = (backend.first_hit(hand._replace(mesh=mesh)) for mesh in (hand.mesh, outer))
-    return SkinLayers(of_mesh, of_outer, _EDGE_M * scale)
+    return SkinLayers(of_mesh, of_outer, EDGE_M * scale)
 
 
 def is_off_edges(

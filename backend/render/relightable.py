@@ -59,6 +59,7 @@ from .albedo import vertex_albedo
 from .avatar_surface import avatar_surface_of
 from .gbuffer import DecodedRays, GBuffer, RelightableNetworks, SurfaceLayer
 from .light_visibility import NO_OCCLUDERS, LightVisibility, light_visibility, sky_shadows
+from .lit_shots import LitShots, is_short
 from .measured_light import AtRays, measured_at
 from .pipeline import Pipeline, PosedShot
 from .posed_surface import SurfaceInView, SurfacePoser
@@ -86,6 +87,11 @@ class RelightablePipeline(Pipeline):
 
     def render(self, shot: Shot, progress: RenderProgress) -> Frame:
         """Render a frame; raises what `Renderer.render` raises."""
+        if self._shots is not None and is_short(shot):
+            progress.begin("pose")
+            frame = self._shots.render(shot, self.light_of(shot))
+            if frame is not None:
+                return frame
         gbuffer = self.gbuffer_of(shot, progress)
         if gbuffer is None:
             return empty_frame(shot.camera.size_px)
@@ -104,9 +110,13 @@ class RelightablePipeline(Pipeline):
         progress.begin("light")
         return gbuffer
 
+    def light_of(self, shot: Shot) -> Light:
+        """Return the shot's light, or the avatar's own."""
+        return shot.light or Light(sky=self.avatar.sky or _EVEN_SKY)
+
     def lit(self, gbuffer: GBuffer, shot: Shot) -> LightFeatures:
         """Return what the shot's light, or the avatar's own, does at the rays' points."""
-        light = shot.light or Light(sky=self.avatar.sky or _EVEN_SKY)
+        light = self.light_of(shot)
         return self.features(gbuffer, self.visibility(gbuffer, light), light)
 
     def gbuffer(self, posed: PosedShot, progress: RenderProgress) -> GBuffer:
@@ -223,6 +233,11 @@ class RelightablePipeline(Pipeline):
             self._networks[precision] = RelightableNetworks.of(field, superres, self.backend, precision)
         networks = self._networks[precision]
         return replace(networks, superres=progress.cancellable(networks.superres))
+
+    @cached_property
+    def _shots(self) -> LitShots | None:
+        """What renders frames at once; None: the avatar has no surface, or it is not wanted."""
+        return LitShots.of(self.avatar, self.hand, self.backend) if self.has_skin_detail else None
 
     @cached_property
     def _networks(self) -> dict[Precision, RelightableNetworks]:

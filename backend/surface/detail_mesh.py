@@ -34,8 +34,8 @@ MOST_EDGE_PX = 1.0
 """Of a coarser surface, in the image of rays: a finger's outline is then within a twentieth of a pixel."""
 
 
-# Template metres between mesh and surface.
-_CLOSE_M, _FAR_M = 0.0005, 0.0015
+CLOSE_M, FAR_M = 0.0005, 0.0015
+"""Template metres between mesh and surface: rays meet the mesh up to the first, the surface from the second on."""
 
 
 class SubdivisionLevel(NamedTuple):
@@ -130,7 +130,7 @@ class DetailTemplate(NamedTuple):
             levels=tuple(levels),
             faces=indices,
             corner_uv=torch.as_tensor(corner_uv).to(rest),
-            around=_faces_around(indices, len(rest)),
+            around=faces_around(indices, len(rest)),
             offset_m=offset,
             normals=vertex_normals(rest + offset, indices),
             bones=SurfaceBones.of(weights, indices, skin.parents),
@@ -146,7 +146,7 @@ class DetailTemplate(NamedTuple):
             levels=(*self.levels[:-1], self.levels[-1].first(count)),
             faces=self.coarse_faces,
             corner_uv=corner_uv.contiguous(),
-            around=_faces_around(self.coarse_faces, count),
+            around=faces_around(self.coarse_faces, count),
             offset_m=self.offset_m[:count],
             normals=self.normals[:count],
             bones=self.bones._replace(of_face=of_middle_faces),
@@ -263,7 +263,7 @@ def on_surface(hand: HandInView, surface: DetailMesh, depth: Float[Tensor, " P"]
     """
     vertices, normals, scale = hand.mesh
     off_m = ((surface.vertices[: len(vertices)] - vertices) * normals).sum(1, keepdim=True)
-    share = ((off_m.abs() / scale - _CLOSE_M) / (_FAR_M - _CLOSE_M)).clamp(0, 1)
+    share = ((off_m.abs() / scale - CLOSE_M) / (FAR_M - CLOSE_M)).clamp(0, 1)
     moved = vertices + share * share * (3 - 2 * share) * off_m * normals
     return hand._replace(mesh=hand.mesh._replace(vertices=moved), surface_depth=depth)
 
@@ -321,7 +321,7 @@ def spread(coverage: Float[Tensor, " P"], size_px: tuple[int, int]) -> Float[Ten
     return conv2d(conv2d(image, kernel.reshape(1, 1, 1, 3)), kernel.reshape(1, 1, 3, 1)).flatten()
 
 
-def _faces_around(faces: Int[Tensor, "M 3"], count: int) -> tuple[Tensor, Tensor]:
+def faces_around(faces: Int[Tensor, "M 3"], count: int) -> tuple[Tensor, Tensor]:
     """Find the faces around vertices, as `DetailTemplate.around`."""
     corners = faces.flatten()
     start = torch.zeros(count + 1, dtype=torch.long, device=faces.device)

@@ -20,9 +20,9 @@ from .ray_hits import RayHits
 
 CLEAR, OPAQUE = 0.3, 0.7
 """Opacities at which a ray's colours are those around, and its own."""
-_RINGS_PX, _DIRECTIONS = (1.0, 2.0, 4.0, 8.0, 16.0), 12
-_BEHIND = 100.0  # times the least difference of depth between parts
-_LEAST_OPACITY, _LEAST_WEIGHT = 0.02, 1e-6
+RINGS_PX, DIRECTIONS = (1.0, 2.0, 4.0, 8.0, 16.0), 12
+BEHIND = 100.0  # times the least difference of depth between parts
+LEAST_OPACITY, LEAST_WEIGHT = 0.02, 1e-6
 
 
 def add_missing_rays(rays: RenderedRays, hits: RayHits) -> tuple[RenderedRays, RayHits]:
@@ -67,13 +67,13 @@ def inpaint(
     around = _around(pixel, size_px, clear)
     there = around.clamp(min=0)
     gap = ((hits.depth[there] - hits.depth[clear]) / edge_m).nan_to_num(torch.inf)
-    radius = gap.new_tensor(_RINGS_PX).repeat_interleave(_DIRECTIONS)[:, None]
+    radius = gap.new_tensor(RINGS_PX).repeat_interleave(DIRECTIONS)[:, None]
     weight = own[there] * (around >= 0) * torch.exp(-gap.square()) / radius.square()
     total = weight.sum(0)
-    is_known = total > _LEAST_WEIGHT
+    is_known = total > LEAST_WEIGHT
     clear, there, weight = clear[is_known], there[:, is_known], (weight / total)[:, is_known, None]
     alpha = low.alpha[:, None].float()
-    straight = low.channels.float() / alpha.clamp(min=_LEAST_OPACITY)
+    straight = low.channels.float() / alpha.clamp(min=LEAST_OPACITY)
     share = own[clear, None]
     opacity = torch.lerp((weight * alpha[there]).sum(0), alpha[clear], share)
     colours = torch.lerp((weight * straight[there]).sum(0), straight[clear], share)
@@ -97,15 +97,15 @@ def drop_outliers(
         edge_m: depths that differ by more are of other parts.
     """
     is_outlier = ~hits.depth.isfinite() & (alpha < CLEAR)
-    behind = points.position + _BEHIND * edge_m * points.view
+    behind = points.position + BEHIND * edge_m * points.view
     return points._replace(position=torch.where(is_outlier[:, None], behind, points.position))
 
 
 def _around(pixel: Int[Tensor, " R"], size_px: tuple[int, int], rays: Int[Tensor, " K"]) -> Int[Tensor, "S K"]:
     """Find the rays on rings around some of them; -1 for none."""
     width, height = size_px
-    angles = [2 * pi * k / _DIRECTIONS for k in range(_DIRECTIONS)]
-    offsets = [(round(r * cos(angle)), round(r * sin(angle))) for r in _RINGS_PX for angle in angles]
+    angles = [2 * pi * k / DIRECTIONS for k in range(DIRECTIONS)]
+    offsets = [(round(r * cos(angle)), round(r * sin(angle))) for r in RINGS_PX for angle in angles]
     dx, dy = pixel.new_tensor(offsets)[:, None].unbind(-1)
     x, y = pixel[rays] % width + dx, torch.div(pixel[rays], width, rounding_mode="floor") + dy
     is_inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)

@@ -12,7 +12,7 @@ from torch.nn.functional import normalize
 from ..field.rays import CameraTensors, project
 from .detail_mesh import DetailMesh, barycentric, blend_corners, first_fronts
 
-_SAME_PART = 0.5  # of the depth by which two surfaces differ; held-out views like 1 and 0.25 less
+SAME_PART = 0.5  # of the depth by which two surfaces differ; held-out views like 1 and 0.25 less
 
 
 class RayHits(NamedTuple):
@@ -35,7 +35,7 @@ class RayHits(NamedTuple):
             depth: m.
             edge_m: as in `SurfaceDepth`.
         """
-        return self.depth.isfinite() & ((self.depth - depth).abs() > _SAME_PART * edge_m)
+        return self.depth.isfinite() & ((self.depth - depth).abs() > SAME_PART * edge_m)
 
     def positions(
         self, origins: Float[Tensor, "R 3"], directions: Float[Tensor, "R 3"], beside: Float[Tensor, "R 3"]

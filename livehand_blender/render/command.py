@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=parse_size_px, metavar="WxH", help="image size, px; default: the scene's")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda", "mps"), help="default: the scene's")
     parser.add_argument("--precision", choices=("fp32", "bf16"), help="default: the scene's")
-    parser.add_argument("--format", type=parse_formats, default=("exr",), metavar="exr|png|exr,png")
+    parser.add_argument("--format", type=parse_formats, metavar="exr|png|exr,png", help="default: exr; pose files: png")
     parser.add_argument("--overwrite", action="store_true", help="also render frames that already exist")
     parser.add_argument(
         "--strict",
@@ -115,7 +115,7 @@ def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunR
                 folder=folder,
                 frames=args.frames,
                 chunk=args.chunk,
-                formats=args.format,
+                formats=args.format or ("exr",),
                 overwrite=args.overwrite,
                 is_strict=args.strict,
                 file_outputs=args.file_outputs,

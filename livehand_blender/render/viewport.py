@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import blf
 import bpy
-import gpu
 from gpu_extras.batch import batch_for_shader
+
+import gpu
 
 from ...backend.records.errors import LiveHandError
 from ...backend.render.frame_task import is_equal

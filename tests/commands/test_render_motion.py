@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from livehand.backend.avatars.file import load_avatar, save_avatar
+from livehand.backend.capture.exr import read_exr
 from livehand.backend.commands.render_motion import (
     add_arguments,
     frame_indices,
@@ -17,7 +18,7 @@ from livehand.backend.commands.render_motion import (
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
 from livehand.backend.hand.model_file import builtin_hand_path, load_hand_model
-from livehand.backend.image.png_writer import write_png
+from livehand.backend.image.frame_writer import write_png
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.landmarks.sighting import MEDIAPIPE_IN_WEBXR
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton
@@ -156,7 +157,14 @@ def test_a_pose_file_is_rendered_to_images(gestures, tmp_path):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     asked = {"shots": [gestures], "output": tmp_path / "out", "frames": (2,), "avatar": None, "size": (48, 64)}
-    whole = {"jobs": 1, "chunk": argparse.Namespace(count=1), "device": "cpu", "precision": None, "json": False}
+    whole = {
+        "jobs": 1,
+        "chunk": argparse.Namespace(count=1),
+        "device": "cpu",
+        "precision": None,
+        "json": False,
+        "format": None,
+    }
     args = argparse.Namespace(**asked, **whole, **vars(parser.parse_args(["--side", "right"])))
     result = run(args)
     assert (result["frames"], result["folder"]) == (1, str(tmp_path / "out"))
@@ -165,6 +173,11 @@ def test_a_pose_file_is_rendered_to_images(gestures, tmp_path):
     pixels = np.asarray(Image.open(picture))
     assert pixels.shape == (64, 48, 4)
     assert 0.1 < (pixels[..., 3] > 128).mean() < 0.9
+    args.format = ("exr", "png")
+    assert run(args)["frames"] == 1
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"0002.png", "0002.exr"}
+    alpha = read_exr(tmp_path / "out" / "0002.exr")["A"]
+    assert np.abs(alpha - pixels[..., 3] / 255).max() < 0.01
     args.hand = my_hand(tmp_path)
     with pytest.raises(LiveHandError, match="must be given its own hand model"):
         run(args)

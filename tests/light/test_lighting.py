@@ -29,7 +29,6 @@ from livehand.backend.light.lighting import (
     SurfelIrradiance,
     ambient_occlusion,
     around_surface,
-    corrected,
     diffuse_light,
     light_features,
     shaded_colour,
@@ -39,6 +38,7 @@ from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds, PointShadows
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS, SkySamples
 from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing
+from livehand.backend.render.measured_light import corrected
 from torch.nn.functional import normalize
 
 POINTS, PROBES = 50, 40

@@ -10,7 +10,7 @@ from livehand.backend.avatars.file import save_avatar
 from livehand.backend.capture.capture import Capture, CaptureView, save_capture_index
 from livehand.backend.capture.exr import write_exr
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.image.png_writer import write_png
+from livehand.backend.image.frame_writer import write_png
 from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.motion import HandMotion

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ...geometry.mesh import PosedMesh, Topology
 from ...light.brdf import INDEX, NAIL_ROUGHNESS, ROUGHNESS
-from ...light.indirect_diffuse import MeshPoints, Surfels, indirect_diffuse_on_mesh
+from ...light.indirect_diffuse import MeshPoints, Surfels
 from ...light.lighting import (
     BELOW_HORIZON,
     SCATTER_M,
@@ -17,6 +17,7 @@ from ...light.lighting import (
     SKY_CELL_RAD,
     WRAP,
     AmbientOcclusion,
+    DirectLight,
     FrameShadows,
     LightFeatures,
     SurfacePoints,
@@ -54,22 +55,7 @@ def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePo
     sky_arrays = SkyArrays(*of_sky_cells, *(whole_rows(values) for values in shadows.sky))
     lamp_arrays = LampArrays(*as_arrays(*lamps[:-1], *shadows.lamps))
     in_parallel(lambda first, last: fill_features(arrays, sky_arrays, lamp_arrays, lobes(), first, last, out), count)
-    surfels, emitted = shadows.surfels.surfels, shadows.surfels.emitted(light)
-    reflected = indirect_diffuse_on_mesh(
-        points.hit_points, points.position, points.normal, surfels, emitted, indirect_diffuse
-    )
-    return LightFeatures(
-        lamp_vectors=vectors,
-        lamp_rgb=lamps.rgb,
-        lamp_radius_rad=lamps.radius_rad,
-        sky_vectors=of_sky,
-        lobe_visibility=seen,
-        mirrored=sky.mirrored,
-        near_field_specular=torch.zeros(count, 2, 3),
-        scattered=scattered,
-        arriving=torch.ones(count, 3),
-        reflected=reflected,
-    )
+    return DirectLight(vectors, of_sky, seen, scattered).with_indirect(light, shadows.surfels, points, indirect_diffuse)
 
 
 def indirect_diffuse(

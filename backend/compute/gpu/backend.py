@@ -10,17 +10,33 @@ import torch
 import warp as wp
 
 from ...records.errors import LiveHandError
+from ..lit_frames import FrameModel
 from .field_stages import FieldStages
 from .image_stages import ImageStages
 from .kernels.compiled import launch
 from .kernels.raster import prepare_view
 from .light_stages import RadianceStages
+from .lit_frame import LitFrames
+from .pose_stages import PoseStages
 from .ray_stages import RayStages
 from .surface_stages import DetailStages
 
 
-class WarpBackend(RayStages, FieldStages, RadianceStages, ImageStages, DetailStages):
-    """Has the reference's values, on tensors of an NVIDIA GPU or of the CPU, which only tests give it."""
+class WarpBackend(PoseStages, RayStages, FieldStages, RadianceStages, ImageStages, DetailStages):
+    """Has the reference's values, on tensors of an NVIDIA GPU or of the CPU, which only tests give it.
+
+    Attributes:
+        device: Warp's name of where it renders whole frames; None: it renders them stage by stage.
+    """
+
+    def __init__(self, device: str | None = None) -> None:
+        self.device = device
+        self.renders_lit_frames = device is not None
+
+    def lit_frames(self, model: FrameModel) -> LitFrames:
+        """Return what renders whole lit frames of a model."""
+        assert self.device is not None
+        return LitFrames(model, self.device)
 
 
 _OFF = 1e-6

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.functional import pixel_unshuffle
 
 from ...field.rays import CameraTensors
 from ...image.edge_avoiding_filter import RaySurfacePoints
@@ -32,7 +33,8 @@ def smooth_enlarged_rays(
     """Enlarge and smooth rays, as `image.shading.smooth_enlarged_rays`."""
     count, (height, width) = len(covered), detail.shape[1:]
     values, alphas = maps.new_zeros(height * width, _VALUES), maps.new_zeros(height * width)
-    launch(enlarge_pixels, count, maps, detail, covered, world2cam, values, alphas)
+    tail = pixel_unshuffle(detail[None], 2)[0].flatten(1).T
+    launch(enlarge_pixels, count, maps, tail, width // 2, 0, covered, world2cam, values, alphas)
     coefficients, normal = maps.new_empty(count, COEFFICIENTS), maps.new_empty(count, 3)
     launch(smooth_pixels, count, values, covered, width, coefficients, normal)
     return EnlargedRays(coefficients, normal, alphas)

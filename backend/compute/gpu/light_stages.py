@@ -7,8 +7,8 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ...geometry.mesh import PosedMesh, Topology
-from ...light.indirect_diffuse import MeshPoints, Surfels, indirect_diffuse_on_mesh
-from ...light.lighting import AmbientOcclusion, FrameShadows, LightFeatures, SurfacePoints
+from ...light.indirect_diffuse import MeshPoints, Surfels
+from ...light.lighting import AmbientOcclusion, DirectLight, FrameShadows, LightFeatures, SurfacePoints
 from ...light.near_field_light import NearFieldFeatures, sky_cells
 from ...light.nearby_geometry import Patches
 from ...light.samples import LightSamples
@@ -27,12 +27,11 @@ from .kernels.shadow import (
     draw_sides,
     fill_lit_share,
     find_bounds,
-    fit_windows,
     project_casters,
 )
 from .kernels.shadow import look_up as fill_shadows
 
-_LEAST, _MOST = torch.iinfo(torch.int32).min, torch.iinfo(torch.int32).max
+_MOST = torch.iinfo(torch.int32).max
 _BOUND_PARTS, _SURFEL_PARTS = 32, 1  # times the lanes: threads of a view, and of a point
 
 
@@ -40,34 +39,36 @@ def look_up(scene: ShadowScene, map_points: Float[Tensor, "P 3"]) -> PointShadow
     """Look up shadows, as `light.shadow_maps.look_up_reference`, in all views at once."""
     frames, distance = scene.views
     views, count, device = len(distance), len(map_points), map_points.device
-    windows = _windows(scene, map_points)
-    maps = torch.full((views, 3, scene.map_px**2), INFINITE_BITS, dtype=torch.int32, device=device)
-    for points, triangles, draw in (
-        (scene.vertices, len(scene.faces), lambda placed: (draw_sides, placed, scene.faces)),
-        (scene.others, len(scene.others) // 3, lambda placed: (draw_others, placed)),
-    ):
-        if views and triangles:
-            placed = points.new_empty(views, len(points), 3)
-            launch(project_casters, (views, len(points)), frames, distance, points, windows, placed)
-            kernel, *of_mesh = draw(placed)
-            launch(kernel, (views, triangles), *of_mesh, scene.map_px, maps)
-    lengths = windows.new_tensor((scene.tolerance, scene.contact, scene.max_depth_in, scene.template_m))
-    shadows = PointShadows(windows.new_empty(views, count), windows.new_empty(views, count))
-    where = frames, distance, map_points, windows, maps, scene.map_px, lengths
-    launch(fill_shadows, (views, count), *where, *shadows)
+    shadows = PointShadows(distance.new_empty(views, count), distance.new_empty(views, count))
+    if not views:
+        return shadows
+    mesh = view_table(views, scene.map_px, count, len(scene.vertices), len(scene.faces), device)
+    bounds, parts = torch.full((views, 4), _MOST, dtype=torch.int32, device=device), _parts(_BOUND_PARTS, device)
+    sphere = distance.new_tensor((0.0, 0.0, 0.0, 1.0))
+    launch(find_bounds, (views, parts), sphere, frames, distance, mesh, map_points, parts, bounds)
+    maps = torch.full((views * 3 * scene.map_px**2,), INFINITE_BITS, dtype=torch.int32, device=device)
+    placed = distance.new_empty(views, len(scene.vertices), 3)
+    launch(project_casters, placed.shape[:2], sphere, frames, distance, mesh, bounds, scene.vertices, placed)
+    launch(draw_sides, (views, len(scene.faces)), mesh, placed, scene.faces, maps)
+    if corners := len(scene.others):
+        table, placed = (
+            view_table(views, scene.map_px, count, corners, 0, device),
+            distance.new_empty(views, corners, 3),
+        )
+        launch(project_casters, placed.shape[:2], sphere, frames, distance, table, bounds, scene.others, placed)
+        launch(draw_others, (views, corners // 3), table, placed, maps)
+    lengths = distance.new_tensor((scene.tolerance, scene.contact, scene.max_depth_in, scene.template_m))
+    launch(fill_shadows, (views, count), sphere, frames, distance, mesh, map_points, bounds, maps, lengths, *shadows)
     return shadows
 
 
-def _windows(scene: ShadowScene, points: Float[Tensor, "P 3"]) -> Float[Tensor, "K 4"]:
-    """Fit the windows of the maps around points: upper left corner, px, and px per radius."""
-    frames, distance = scene.views
-    views, parts = len(distance), _parts(_BOUND_PARTS, points.device)
-    bounds = torch.full((views, 4), _MOST, dtype=torch.int32, device=points.device)
-    bounds[:, 2:] = _LEAST
-    launch(find_bounds, (views, parts), frames, distance, points, parts, bounds)
-    windows = distance.new_empty(views, 4)
-    launch(fit_windows, views, distance, bounds, len(points), scene.map_px, windows)
-    return windows
+def view_table(
+    views: int, map_px: int, points: int, vertices: int, faces: int, device: torch.device
+) -> Int[Tensor, "K 9"]:
+    """Make the table of views that share all points, vertices and faces."""
+    table = torch.tensor([[map_px, 0, 0, points, 0, 0, vertices, 0, faces]], dtype=torch.int32).repeat(views, 1)
+    table[:, 1] = 3 * map_px**2 * torch.arange(views)
+    return table.to(device)
 
 
 def _parts(per_lane: int, device: torch.device) -> int:
@@ -94,27 +95,14 @@ def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePo
     sky, lamps = light
     position, normal, relief_normal, view = points[:4]
     count = len(position)
-    vectors = position.new_zeros(count, len(lamps.rgb), 3)
+    vectors = position.new_empty(count, len(lamps.rgb), 3)
     of_sky, seen, scattered = (position.new_empty(count, *shape) for shape in ((3, 3), (2,), (2, 3)))
     cells = sky.towards, sky.flux, sky.brightness, sky.share, *shadows.sky
     launch(sky_features, count, normal, relief_normal, view, *cells, of_sky, seen, scattered)
     of_lamps = *lamps[:-1], *shadows.lamps
     if len(lamps.lamp):
         launch(add_lamps, count, position, normal, relief_normal, *of_lamps, vectors, scattered)
-    surfels, emitted = shadows.surfels.surfels, shadows.surfels.emitted(light)
-    reflected = indirect_diffuse_on_mesh(points.hit_points, position, normal, surfels, emitted, indirect_diffuse)
-    return LightFeatures(
-        lamp_vectors=vectors,
-        lamp_rgb=lamps.rgb,
-        lamp_radius_rad=lamps.radius_rad,
-        sky_vectors=of_sky,
-        lobe_visibility=seen,
-        mirrored=sky.mirrored,
-        near_field_specular=position.new_zeros(count, 2, 3),
-        scattered=scattered,
-        arriving=position.new_ones(count, 3),
-        reflected=reflected,
-    )
+    return DirectLight(vectors, of_sky, seen, scattered).with_indirect(light, shadows.surfels, points, indirect_diffuse)
 
 
 def indirect_diffuse(

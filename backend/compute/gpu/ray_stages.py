@@ -163,7 +163,8 @@ def trace(hand: HandInView, config: SamplerConfig, generator: torch.Generator | 
     face, weights = pixel.new_empty(count, samples), directions.new_empty(count, samples, 3)
     surface = mesh.vertices, mesh.normals, topology.faces, topology.neighbours, corners, mesh.scale.reshape(1)
     out = t, dt, face, weights, height
-    launch(trace_samples, count, view, camera.size_px[0], pixel, offsets, *lists[:8], *surface, *out)
+    surface_m = lists.total if hand.surface_depth is None else hand.surface_depth
+    launch(trace_samples, count, view, camera.size_px[0], pixel, offsets, surface_m, *lists[:8], *surface, *out)
     found = SurfaceSamples(face.flatten(), weights.flatten(0, 1), height.flatten())
     return SurfaceRays(pixel, directions, t, dt, lists.is_stopped[pixel], found)
 

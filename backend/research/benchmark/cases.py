@@ -14,7 +14,7 @@ from ...avatars.file import load_avatar
 from ...compute.precision import Precision
 from ...field.sampler import SamplerConfig
 from ...hand.model import HandModel
-from ...image.png_writer import write_png
+from ...image.frame_writer import write_png
 from ...records.errors import LiveHandError
 from ...records.frame import Frame
 from ...records.render_hooks import Stage

@@ -37,6 +37,8 @@ class Bound(NamedTuple):
 
 
 BOUNDS = {
+    "skin_motion": Bound(256 * EPS),  # sums of 145 products, and six rotations one after another
+    "local_rotations": Bound(1e-4),  # tangents are differences of places, over some of a hand's 200 mm
     "first_hit": Bound(beyond=1e-3),  # a centre on an edge of two faces
     "view_directions": Bound(),
     # Depths of parallel light count from 1000 radii, where EPS is 6e-5 of one. An edge may miss a pixel's centre.
@@ -103,7 +105,7 @@ def stages():
     return sorted({name for one in above for name in vars(one) if not name.startswith("_")})
 
 
-OTHERWISE = {"trace", "ray_renderer", "lit_share", "visible_surface"}
+OTHERWISE = {"lit_frames", "trace", "ray_renderer", "lit_share", "visible_surface"}
 """Which have tests of their own below."""
 
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 from livehand.backend.geometry.framing import fitting_camera
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.image.png_writer import write_png
+from livehand.backend.image.frame_writer import write_png
 from livehand.backend.image.srgb import srgb_to_linear
 from livehand.backend.records.frame import Frame
 from livehand.backend.records.shot import HandPose, Shot

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import torch
@@ -38,6 +38,9 @@ def part(function: Callable[..., Any]) -> Any:
     return wp.func(function)
 
 
+COUNT = "count"
+"""The argument of kernels that stop after as many elements as a number on the device says."""
+
 Argument = Tensor | float | int | bool
 
 
@@ -45,11 +48,13 @@ def launch(kernel: Any, dim: int | tuple[int, ...], *arguments: Argument) -> Non
     """Run a kernel for every element of `dim`; its arrays are the tensors' own memory, which they must fill densely.
 
     Args:
-        kernel: of `kernels`.
+        kernel: of `kernels`; one whose first argument is `count` runs for all of `dim`.
         dim: number of threads, along each axis.
-        arguments: as the kernel takes them; tensors of one device. What it writes must be contiguous.
+        arguments: as the kernel takes them, without `count`; tensors of one device. What it writes must be contiguous.
     """
     device = next(value.device for value in arguments if isinstance(value, Tensor))
+    if kernel.adj.args[0].label == COUNT:
+        arguments = unlimited(device), *arguments
     given = [
         _as_array(value, argument.type) if isinstance(value, Tensor) else value
         for value, argument in zip(arguments, kernel.adj.args, strict=True)
@@ -63,6 +68,12 @@ def launch(kernel: Any, dim: int | tuple[int, ...], *arguments: Argument) -> Non
 def lanes_of(device: torch.device) -> int:
     """Return how many threads share the pixels of a face of the hand's own mesh: those of a warp, or one on the CPU."""
     return 32 if device.type == "cuda" else 1
+
+
+@cache
+def unlimited(device: torch.device) -> Tensor:
+    """Return the count [1] of a kernel that stops after none."""
+    return torch.full((1,), torch.iinfo(torch.int32).max, dtype=torch.int32, device=device)
 
 
 def _as_array(values: Tensor, kind: wp.array) -> object:

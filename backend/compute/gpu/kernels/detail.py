@@ -7,18 +7,19 @@ from typing import no_type_check
 import warp as wp
 
 from ....image.shading import MIN_ALPHA
+from ....light.brdf import ROUGHNESS
 from ....surface.albedo_ratio import RATIO_STEP
 from ....surface.detail_maps import BUMP, GLOSS_STEP, SHADE_STEP
 from ....surface.detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
 from ....surface.shading_detail import FOLD_LOG_ALBEDO, LEAST_COSINE, MOST_TAPS, ONE_TAP_MORE, SHARPER
-from .compiled import Bytes2, Floats, Floats2, Floats3, Longs, Longs2, Vectors, kernel, part
+from .compiled import Bytes2, Floats, Floats2, Floats3, Ints, Longs, Longs2, Vectors, kernel, part
 
 _TINY = wp.constant(1e-12)
 _MIN_ALPHA, _GLOSS_AT = wp.constant(MIN_ALPHA), wp.constant(12)
 _FLATTENED, _DEEPENED_FROM, _DEEPENED_BY = (wp.constant(v) for v in (FLATTENED, DEEPENED_FROM, DEEPENED_BY))
 _LEAST_COSINE, _ONE_TAP_MORE, _SHARPER = (wp.constant(v) for v in (LEAST_COSINE, ONE_TAP_MORE, SHARPER))
 _MOST_TAPS, _SHADE, _GLOSS, _BUMP_SHARE = (wp.constant(v) for v in (MOST_TAPS, SHADE_STEP, GLOSS_STEP, BUMP))
-_RATIO_STEP = wp.constant(RATIO_STEP)
+_RATIO_STEP, _ALPHA_SQUARED = wp.constant(RATIO_STEP), wp.constant(ROUGHNESS[1] ** 4)
 _FOLD_RED, _FOLD_GREEN, _FOLD_BLUE = (wp.constant(float(value)) for value in FOLD_LOG_ALBEDO)
 TEXELS, TEXEL_M, BLURRED_LEVEL, SLOPE, FINER_BY = (wp.constant(value) for value in range(5))
 """Of the constants of a view: texels of the finest level in a pixel's width at 1 m; side of one of these, m; the level
@@ -161,6 +162,7 @@ def _corner_uv(corner_uv: Floats3, face: int, corner: int) -> wp.vec2:
 @kernel
 @no_type_check
 def add_skin(
+    count: Ints,
     face_at: Longs,
     depth_at: Floats,
     coverage_at: Floats,
@@ -190,14 +192,20 @@ def add_skin(
 ):
     """Give pixels [P] the coverage, normals, colours and nails of the skin, in place; a ratio of no rows is none."""
     index = wp.tid()
+    if index >= count[0]:
+        return
     at = int(pixel[index])
+    surface_normal[index] = normal[index]
+    blurred_normal[index] = normal[index]
+    alpha_squared[index] = _ALPHA_SQUARED
+    nails[index] = 0.0
     coverage = coverage_at[at]
     share = coverage / wp.clamp(alpha[at], _MIN_ALPHA, 1.0)
     alpha[at] = coverage
     for k in range(_GLOSS_AT):
         coefficients[index, k] = coefficients[index, k] * share
-    coefficients[index, _GLOSS_AT] = nails[index] * coverage
-    coefficients[index, _GLOSS_AT + 1] = (1.0 - nails[index]) * coverage
+    coefficients[index, _GLOSS_AT] = 0.0
+    coefficients[index, _GLOSS_AT + 1] = coverage
     face = int(face_at[at])
     if face < 0:
         return

@@ -204,6 +204,7 @@ def _is_first(word: wp.uint64, between: float, bone: int, bone_of_face: Bytes, a
 @kernel
 @no_type_check
 def edge_shares(
+    count: Ints,
     pixel: Longs,
     shown: Keys,
     width: int,
@@ -219,6 +220,8 @@ def edge_shares(
 ):
     """Fill `surface.edge_antialiasing.EdgePixels` of pixels [S] that show two parts."""
     index = wp.tid()
+    if index >= count[0]:
+        return
     at = int(pixel[index])
     middle = between[at]
     bone = first_part[at]
@@ -247,21 +250,19 @@ def edge_shares(
     share[index] = total / weights
 
 
-@kernel
+@part
 @no_type_check
-def blend_parts(
+def blended_colour(
     colours: Vectors,
     alpha: Floats,
     depth: Floats,
     width: int,
-    pixel: Longs,
+    here: int,
     shows_first: Bools2,
     share: Floats,
-    out: Vectors,
-):
-    """Fill the colours [S] of pixels that show two parts; `colours`, `alpha` and `depth` are the image's."""
-    index = wp.tid()
-    here = int(pixel[index])
+    index: int,
+) -> wp.vec3:
+    """Compute the colour of a pixel that shows two parts; `index` is its place among these."""
     height = depth.shape[0] / width
     of_first = wp.vec3()
     of_other = wp.vec3()
@@ -287,4 +288,36 @@ def blend_parts(
             else:
                 of_other = colours[here] / alpha[here]
         result = (of_other + share[index] * (of_first - of_other)) * wp.min(alpha[here], 1.0)
-    out[index] = result
+    return result
+
+
+@kernel
+@no_type_check
+def blend_parts(
+    colours: Vectors,
+    alpha: Floats,
+    depth: Floats,
+    width: int,
+    pixel: Longs,
+    shows_first: Bools2,
+    share: Floats,
+    out: Vectors,
+):
+    """Fill the colours [S] of pixels that show two parts; `colours`, `alpha` and `depth` are the image's."""
+    index = wp.tid()
+    out[index] = blended_colour(colours, alpha, depth, width, int(pixel[index]), shows_first, share, index)
+
+
+@kernel
+@no_type_check
+def list_edges(between: Floats, part: Ints, capacity: int, count: Ints, pixel: Longs, slot: Ints, overflow: Ints):
+    """List the pixels that show two parts; `slot` is -1 where it was, for all others."""
+    at = wp.tid()
+    if between[at] <= 0.0 and part[at] < 0:
+        return
+    place = wp.atomic_add(count, 0, 1)
+    if place >= capacity:
+        overflow[0] = 1
+        return
+    pixel[place] = wp.int64(at)
+    slot[at] = place

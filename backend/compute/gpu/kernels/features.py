@@ -9,7 +9,7 @@ import warp as wp
 
 from ....light.brdf import INDEX, ROUGHNESS
 from ....light.lighting import BELOW_HORIZON, SCATTER_M, SCATTERED_SCALE, SKY_CELL_RAD, WRAP
-from .compiled import Bools, Floats, Floats2, Floats3, Longs, Longs2, Vectors, Vectors2, kernel, part
+from .compiled import Bools, Floats, Floats2, Floats3, Ints, Longs, Longs2, Vectors, Vectors2, kernel, part
 from .lobes import GRAZING, LEAST_COSINE, TINY, fresnel, half_way, lobe, widened
 
 _PI, _LEAST_SQUARED_M, _TOUCHING_SQUARED_M = wp.constant(pi), wp.constant(0.005**2), wp.constant(1e-8)
@@ -34,6 +34,7 @@ def _scattered(cosine: float, depth_in_m: float) -> wp.vec2:
 @kernel
 @no_type_check
 def sky_features(
+    count: Ints,
     normal: Vectors,
     relief_normal: Vectors,
     view: Vectors,
@@ -52,6 +53,8 @@ def sky_features(
     Directions of no share are divided cells.
     """
     point = wp.tid()
+    if point >= count[0]:
+        return
     smooth = normal[point]
     relief = relief_normal[point]
     away = view[point]
@@ -122,9 +125,36 @@ def emitted(
     return strength
 
 
+@part
+@no_type_check
+def arriving(
+    place: wp.vec3,
+    of_sample: wp.vec3,
+    is_sun: bool,
+    axis: wp.vec3,
+    is_area: bool,
+    share: float,
+    tan_spread: float,
+    spread_share: float,
+    cos_cone: float,
+    cone_edge: float,
+) -> wp.vec4:
+    """Compute the direction towards a sample of a lamp, and its strength at a place."""
+    towards = of_sample
+    strength = share
+    if not is_sun:
+        offset = of_sample - place
+        squared = wp.max(wp.dot(offset, offset), _LEAST_SQUARED_M)
+        towards = offset / wp.sqrt(squared)
+        along = -wp.dot(towards, axis)
+        strength = share / squared * emitted(along, is_area, tan_spread, spread_share, cos_cone, cone_edge)
+    return wp.vec4(towards[0], towards[1], towards[2], strength)
+
+
 @kernel
 @no_type_check
 def add_lamps(
+    count: Ints,
     position: Vectors,
     normal: Vectors,
     relief_normal: Vectors,
@@ -145,30 +175,39 @@ def add_lamps(
     vectors: Vectors2,
     scattered: Vectors2,
 ):
-    """Add what the samples of lamps do at points [R]: vectors [R, L], and scattered [R, 2] RGB.
+    """Fill what the samples of lamps do at points [R]: vectors [R, L]; and add to scattered [R, 2] RGB.
 
     Samples are as `light.lamp_samples.LampSamples`: those of a lamp lie side by side.
     """
     point = wp.tid()
+    if point >= count[0]:
+        return
     deep = wp.vec3()
     shallow = wp.vec3()
+    for of_lamp in range(rgb.shape[0]):
+        vectors[point, of_lamp] = wp.vec3()
     for k in range(lamp.shape[0]):
-        towards = of_sample[k]
-        strength = share[k]
-        if not is_sun[k]:
-            offset = of_sample[k] - position[point]
-            squared = wp.max(wp.dot(offset, offset), _LEAST_SQUARED_M)
-            towards = offset / wp.sqrt(squared)
-            along = -wp.dot(towards, axis[k])
-            intensity = emitted(along, is_area[k], tan_spread[k], spread_share[k], cos_cone[k], cone_edge[k])
-            strength = share[k] / squared * intensity
+        light = arriving(
+            position[point],
+            of_sample[k],
+            is_sun[k],
+            axis[k],
+            is_area[k],
+            share[k],
+            tan_spread[k],
+            spread_share[k],
+            cos_cone[k],
+            cone_edge[k],
+        )
+        towards = wp.vec3(light[0], light[1], light[2])
+        strength = light[3]
         of_lamp = int(lamp[k])
         inside = _scattered(wp.dot(towards, normal[point]), shadow[k] * depth_in_m[k, point])
         deep += inside[0] * strength * rgb[of_lamp]
         shallow += inside[1] * strength * rgb[of_lamp]
         if wp.dot(towards, relief_normal[point]) > _BELOW_HORIZON:
-            arriving = strength * (shadow[k] * lit[k, point] + 1.0 - shadow[k])
-            vectors[point, of_lamp] = vectors[point, of_lamp] + arriving * towards
+            unblocked = strength * (shadow[k] * lit[k, point] + 1.0 - shadow[k])
+            vectors[point, of_lamp] = vectors[point, of_lamp] + unblocked * towards
     scattered[point, 0] = scattered[point, 0] + deep
     scattered[point, 1] = scattered[point, 1] + shallow
 
@@ -186,6 +225,16 @@ def ambient_occlusion(towards: Vectors, normal: Vectors, lit: Floats2, share: Fl
         sum_of += weight * towards[k]
     share[point] = total * (4.0 / float(towards.shape[0]))
     mean[point] = sum_of / wp.max(wp.length(sum_of), _LEAST_LENGTH)
+
+
+@part
+@no_type_check
+def form_factor(offset: wp.vec3, normal: wp.vec3, surfel_normal: wp.vec3, area_m2: float) -> float:
+    """Compute the form factor of a surfel at an offset from a point of this normal."""
+    squared = wp.dot(offset, offset)
+    facing = wp.max(wp.dot(offset, normal), 0.0)
+    there = wp.max(-wp.dot(offset, surfel_normal), 0.0)
+    return facing * there * area_m2 / (wp.max(squared, _TOUCHING_SQUARED_M) * (_PI * squared + area_m2))
 
 
 @kernel
@@ -207,12 +256,7 @@ def add_surfels(
     total = wp.float32(0.0)
     k = int(first)
     while k < area_m2.shape[0]:
-        offset = of_surfel[k] - here
-        squared = wp.dot(offset, offset)
-        facing = wp.max(wp.dot(offset, normal[point]), 0.0)
-        there = wp.max(-wp.dot(offset, surfel_normal[k]), 0.0)
-        near = wp.max(squared, _TOUCHING_SQUARED_M) * (_PI * squared + area_m2[k])
-        factor = facing * there * area_m2[k] / near
+        factor = form_factor(of_surfel[k] - here, normal[point], surfel_normal[k], area_m2[k])
         total += factor
         received += factor * radiance[k]
         k += parts
@@ -234,24 +278,31 @@ def sum_surfels(sums: Floats3, received: Vectors):
     received[point] = light / wp.max(total, 1.0)
 
 
-@kernel
+@part
 @no_type_check
-def mesh_points(vertices: Vectors, faces: Longs2, face: Longs, position: Vectors, corner: Longs2, weight: Floats2):
-    """Fill corners and weights [R, 3] of points near faces as `MeshPoints.of`; face -1 is none."""
-    point = wp.tid()
-    of_face = int(wp.max(face[point], wp.int64(0)))
+def barycentric_on(vertices: Vectors, faces: Longs2, face: int, place: wp.vec3) -> wp.vec3:
+    """Compute the weights of a face's corners at a point near it, as `MeshPoints.of`; face -1 is none, and has none."""
+    of_face = wp.max(face, 0)
     a = vertices[int(faces[of_face, 0])]
     b = vertices[int(faces[of_face, 1])]
     c = vertices[int(faces[of_face, 2])]
     normal = wp.cross(b - a, c - a)
     areas = wp.vec3(
-        wp.max(wp.dot(wp.cross(c - b, position[point] - b), normal), 0.0),
-        wp.max(wp.dot(wp.cross(a - c, position[point] - c), normal), 0.0),
-        wp.max(wp.dot(wp.cross(b - a, position[point] - a), normal), 0.0),
+        wp.max(wp.dot(wp.cross(c - b, place - b), normal), 0.0),
+        wp.max(wp.dot(wp.cross(a - c, place - c), normal), 0.0),
+        wp.max(wp.dot(wp.cross(b - a, place - a), normal), 0.0),
     )
-    if face[point] < wp.int64(0):
+    if face < 0:
         areas = wp.vec3()
-    total = wp.max(areas[0] + areas[1] + areas[2], _NO_AREA)
+    return areas / wp.max(areas[0] + areas[1] + areas[2], _NO_AREA)
+
+
+@kernel
+@no_type_check
+def mesh_points(vertices: Vectors, faces: Longs2, face: Longs, position: Vectors, corner: Longs2, weight: Floats2):
+    """Fill corners and weights [R, 3] of points near faces as `MeshPoints.of`; face -1 is none."""
+    point = wp.tid()
+    shares = barycentric_on(vertices, faces, int(face[point]), position[point])
     for k in range(3):
-        corner[point, k] = faces[of_face, k]
-        weight[point, k] = areas[k] / total
+        corner[point, k] = faces[int(wp.max(face[point], wp.int64(0))), k]
+        weight[point, k] = shares[k]

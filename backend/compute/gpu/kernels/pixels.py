@@ -8,6 +8,7 @@ import warp as wp
 
 from ....image.edge_avoiding_filter import FACING_POWER, SHARES
 from ....image.shading import MIN_ALPHA
+from ....image.superres import RELIGHTABLE_DETAIL
 from ....light.lighting import COEFFICIENTS, SMOOTH
 from .compiled import Floats, Floats2, Floats3, Ints, Longs, Vectors, kernel, part
 from .lobes import TINY
@@ -15,7 +16,7 @@ from .lobes import TINY
 _LEAST_SHARE, _OF_PIXEL, _OF_NEXT = wp.constant(0.01), wp.constant(0.5), wp.constant(0.125)
 _MIN_ALPHA, _COEFFICIENTS, _SMOOTH = wp.constant(MIN_ALPHA), wp.constant(COEFFICIENTS), wp.constant(SMOOTH)
 _OF_ITSELF, _OF_SIDE, _OF_CORNER = (wp.constant(value) for value in SHARES)
-_FACING_POWER = wp.constant(float(FACING_POWER))
+_FACING_POWER, _DETAIL = wp.constant(float(FACING_POWER)), wp.constant(RELIGHTABLE_DETAIL)
 
 
 @part
@@ -61,12 +62,16 @@ def _guided(share: wp.vec4, depths: wp.vec4, depth: float, edge_m: float) -> wp.
 
 @kernel
 @no_type_check
-def ray_shares(pixel: Longs, width: int, depth_of_rays: Floats, skin_depth: Floats, edge_m: Floats, shares: Floats2):
+def ray_shares(
+    count: Ints, pixel: Longs, width: int, depth_of_rays: Floats, skin_depth: Floats, edge_m: Floats, shares: Floats2
+):
     """Fill shares [P, 4] as `image.shading.shares_of_rays`.
 
     `depth_of_rays` [h * w] is infinite where there is no ray, `skin_depth` [H * W] beside the hand.
     """
     index = wp.tid()
+    if index >= count[0]:
+        return
     here = int(pixel[index])
     height = depth_of_rays.shape[0] / width
     large = 2 * width
@@ -100,9 +105,13 @@ def ray_shares(pixel: Longs, width: int, depth_of_rays: Floats, skin_depth: Floa
 
 @kernel
 @no_type_check
-def step_normals(at: Longs, share: Floats2, row: Ints, width: int, of_rays: Vectors, normal: Vectors, out: Vectors):
+def step_normals(
+    count: Ints, at: Longs, share: Floats2, row: Ints, width: int, of_rays: Vectors, normal: Vectors, out: Vectors
+):
     """Fill out [P] as `image.shading.normals_at_steps`; `row` [h * w] is the ray of a pixel, -1 for none."""
     index = wp.tid()
+    if index >= count[0]:
+        return
     pixel = int(at[index])
     around = neighbours(pixel, width, row.shape[0] / width)
     even = bilinear(pixel, width)
@@ -134,13 +143,27 @@ def _enlarged_value(maps: Floats3, channel: int, around: wp.vec4i, weights: wp.v
 
 @kernel
 @no_type_check
-def enlarge_pixels(maps: Floats3, detail: Floats3, covered: Longs, world2cam: Floats2, values: Floats2, alphas: Floats):
+def enlarge_pixels(
+    count: Ints,
+    maps: Floats3,
+    tail: Floats2,
+    stride: int,
+    border: int,
+    covered: Longs,
+    world2cam: Floats2,
+    values: Floats2,
+    alphas: Floats,
+):
     """Fill values [H * W, 18] of covered pixels (premultiplied coefficients, normal and weight), and their alphas.
 
-    `maps` [C, h, w] begin with premultiplied coefficients and end with normals in camera axes and alpha; `detail`
-    [12, H, W] is added at full size. The weight is alpha's share of the means over pixels.
+    `maps` [C, h, w] begin with premultiplied coefficients and end with normals in camera axes and alpha. `tail` is
+    added at full size: rows of low-resolution pixels, `stride` from line to line after a border of so many pixels, of
+    12 channels for each of 4 pixels. The weight is alpha's share of the means over pixels.
     """
-    pixel = int(covered[wp.tid()])
+    index = wp.tid()
+    if index >= count[0]:
+        return
+    pixel = int(covered[index])
     width = maps.shape[2]
     last = maps.shape[0] - 1
     x = pixel % (2 * width)
@@ -149,17 +172,20 @@ def enlarge_pixels(maps: Floats3, detail: Floats3, covered: Longs, world2cam: Fl
     weights = bilinear(pixel, width)
     enlarged = _enlarged_value(maps, last, around, weights)
     straight = 1.0 / wp.max(enlarged, _MIN_ALPHA)
-    alpha = enlarged + detail[detail.shape[0] - 1, y, x]
+    at = (y / 2 + border) * stride + x / 2 + border
+    corner = 2 * (y % 2) + x % 2
+    alpha = enlarged + tail[at, 4 * (_DETAIL - 1) + corner]
     weight = wp.clamp(alpha, _MIN_ALPHA, 1.0)
     for k in range(_COEFFICIENTS):
         value = _enlarged_value(maps, k, around, weights) * straight
         if k >= _SMOOTH:
-            value += detail[k - _SMOOTH, y, x]
+            value += tail[at, 4 * (k - _SMOOTH) + corner]
         values[pixel, k] = wp.max(value, 0.0) * wp.clamp(alpha, 0.0, 1.0)
     camera_normal = wp.vec3()
     for k in range(3):
         camera_normal[k] = (
-            _enlarged_value(maps, last - 3 + k, around, weights) * straight + detail[_COEFFICIENTS - _SMOOTH + k, y, x]
+            _enlarged_value(maps, last - 3 + k, around, weights) * straight
+            + tail[at, 4 * (_COEFFICIENTS - _SMOOTH + k) + corner]
         )
     scale = weight / wp.max(wp.length(camera_normal), TINY)
     for k in range(3):
@@ -173,9 +199,11 @@ def enlarge_pixels(maps: Floats3, detail: Floats3, covered: Longs, world2cam: Fl
 
 @kernel
 @no_type_check
-def smooth_pixels(values: Floats2, covered: Longs, width: int, coefficients: Floats2, normal: Vectors):
+def smooth_pixels(count: Ints, values: Floats2, covered: Longs, width: int, coefficients: Floats2, normal: Vectors):
     """Fill the means over 3 x 3 pixels of the hand; `values` [H * W, 18] are 0 at all others."""
     index = wp.tid()
+    if index >= count[0]:
+        return
     pixel = int(covered[index])
     x = pixel % width
     y = pixel / width
@@ -205,6 +233,7 @@ def smooth_pixels(values: Floats2, covered: Longs, width: int, coefficients: Flo
 @kernel
 @no_type_check
 def mean_over_surface(
+    count: Ints,
     pixel: Longs,
     row: Ints,
     width: int,
@@ -217,6 +246,8 @@ def mean_over_surface(
 ):
     """Fill `after` [R, C]: means of `before` over rays beside each on the same surface."""
     ray = wp.tid()
+    if ray >= count[0]:
+        return
     x = int(pixel[ray]) % width
     y = int(pixel[ray]) / width
     height = row.shape[0] / width

@@ -8,7 +8,7 @@ import warp as wp
 
 from ....field.conditions import LOCAL_POSE_CHANNELS
 from ....field.field import PRIOR_OFFSET, PRIOR_SLOPE, RELIEF_GAIN
-from .compiled import Bools, Floats, Floats2, Floats3, Ints2, Longs, Longs2, Vectors, kernel, part
+from .compiled import Bools, Floats, Floats2, Floats3, Ints, Ints2, Longs, Longs2, Vectors, kernel, part
 
 _TINY, _MIN_ALPHA, _OPAQUE = wp.constant(1e-12), wp.constant(1e-6), wp.constant(30.0)
 _PRIOR_OFFSET, _PRIOR_SLOPE = wp.constant(PRIOR_OFFSET), wp.constant(PRIOR_SLOPE)
@@ -74,6 +74,7 @@ def _channels(values: Floats2, corners: wp.vec3i, weights: wp.vec3, first: int) 
 @kernel
 @no_type_check
 def gather_samples(
+    count: Ints,
     face_of: Longs,
     weights_of: Vectors,
     height_of: Floats,
@@ -98,6 +99,8 @@ def gather_samples(
     of the flat `table`, the relief's plane last; `vertex_channels` are normal, rotation, local pose, light.
     """
     ray, index = wp.tid()
+    if ray >= count[0]:
+        return
     sample = ray * t.shape[1] + index
     face = int(face_of[sample])
     weights = weights_of[sample]
@@ -162,6 +165,7 @@ def gather_samples(
 @kernel
 @no_type_check
 def weigh_samples(
+    count: Ints,
     sigma: Floats2,
     t: Floats2,
     dt: Floats,
@@ -174,6 +178,8 @@ def weigh_samples(
 ):
     """Fill what samples [R, N] contribute to their rays, and the rays' alpha and mean depth, m."""
     ray = wp.tid()
+    if ray >= count[0]:
+        return
     step_mm = dt[ray] * wp.length(directions[ray]) / units[SCALE] * 1000.0
     samples = sigma.shape[1]
     before = wp.float32(0.0)
@@ -194,9 +200,11 @@ def weigh_samples(
 
 @kernel
 @no_type_check
-def sum_samples(gathered: Floats2, weights: Floats2, channels: Floats2):
+def sum_samples(count: Ints, gathered: Floats2, weights: Floats2, channels: Floats2):
     """Fill the composited features [R, K] of rays."""
     ray, channel = wp.tid()
+    if ray >= count[0]:
+        return
     samples = weights.shape[1]
     total = wp.float32(0.0)
     for index in range(samples):

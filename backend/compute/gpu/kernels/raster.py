@@ -67,14 +67,10 @@ def view_directions(view: Vectors, pixel: Longs, width: int, out: Vectors):
     out[ray] = wp.normalize(direction_of(view, int(pixel[ray]), width))
 
 
-@kernel
+@part
 @no_type_check
-def project_vertices(
-    vertices: Vectors, normals: Vectors, lift_m: Floats, K: Floats2, world2cam: Floats2, projected: Vectors
-):
-    """Fill x and y, px, and depth, m, of vertices raised along their normals, in double precision."""
-    vertex = wp.tid()
-    point = vertices[vertex] + lift_m[0] * normals[vertex]
+def projected_point(point: wp.vec3, K: Floats2, world2cam: Floats2) -> wp.vec3:
+    """Compute x and y, px, and depth, m, of a point, in double precision."""
     x = wp.float64(point[0])
     y = wp.float64(point[1])
     z = wp.float64(point[2])
@@ -91,7 +87,17 @@ def project_vertices(
         image[row] = (
             wp.float64(K[row, 0]) * camera[0] + wp.float64(K[row, 1]) * camera[1] + wp.float64(K[row, 2]) * camera[2]
         )
-    projected[vertex] = wp.vec3(wp.float32(image[0] / image[2]), wp.float32(image[1] / image[2]), wp.float32(camera[2]))
+    return wp.vec3(wp.float32(image[0] / image[2]), wp.float32(image[1] / image[2]), wp.float32(camera[2]))
+
+
+@kernel
+@no_type_check
+def project_vertices(
+    vertices: Vectors, normals: Vectors, lift_m: Floats, K: Floats2, world2cam: Floats2, projected: Vectors
+):
+    """Fill x and y, px, and depth, m, of vertices raised along their normals."""
+    vertex = wp.tid()
+    projected[vertex] = projected_point(vertices[vertex] + lift_m[0] * normals[vertex], K, world2cam)
 
 
 @part

@@ -66,6 +66,7 @@ def _bumped(normal: wp.vec3, towards: wp.vec3, along: float, surface_normal: wp.
 @kernel
 @no_type_check
 def relit_pixels(
+    count: Ints,
     pixel: Longs,
     coefficients: Floats2,
     normal: Vectors,
@@ -91,6 +92,8 @@ def relit_pixels(
     light, `arriving` and `reflected`. `row` [h * w] is the ray of a low-resolution pixel, -1 for none.
     """
     index = wp.tid()
+    if index >= count[0]:
+        return
     lamps = lamp_rgb.shape[0]
     sky_at = 3 * lamps
     visible_at = sky_at + 9

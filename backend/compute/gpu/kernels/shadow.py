@@ -1,6 +1,8 @@
 """Small shadow maps: as `light.shadow_maps.look_up_reference` and `light.visibility.lit_share_reference`.
 
-Maps hold depths as the bits of positive floats, which have the order of their values.
+Maps hold depths as the bits of positive floats, which have the order of their values. A table [K, 9] of whole numbers
+says of each of K views which map it has, and which of all points, vertices and faces are its own: so all shadows of a
+frame are one sequence, whatever they are cast on and by.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from typing import no_type_check
 import warp as wp
 
 from ....geometry.tolerances import LEAST_SQUARED, LEAST_WINDOW, NEAR_M, STEEPEST
-from .compiled import INFINITE_BITS, Floats, Floats2, Ints2, Ints3, Longs2, Matrices, Vectors, Vectors2, kernel, part
+from .compiled import INFINITE_BITS, Floats, Floats2, Ints, Ints2, Longs2, Matrices, Vectors, Vectors2, kernel, part
 from .raster import covered_centres, fragment_depth, projected_area
 
 wp.set_module_options({"fuse_fp": False})  # strict: which of two faces is the nearer hangs on the last bit
@@ -21,6 +23,27 @@ _INFINITE = wp.constant(INFINITE_BITS)
 _SIGN = wp.constant(0x7FFFFFFF)
 FRONTS, BACKS, OTHERS = (wp.constant(value) for value in range(3))
 """Layers of a map: where light enters the mesh, where it leaves it, and the first of other triangles."""
+MAP_PX, MAP_AT, FIRST_POINT, POINTS, POINTS_PER_RAY, FIRST_VERTEX, VERTICES, FIRST_FACE, FACES = (
+    wp.constant(value) for value in range(9)
+)
+"""Columns of the table of views: side and place of the map; its points, and more of them for each ray; casters."""
+
+
+@part
+@no_type_check
+def in_radii(point: wp.vec3, sphere: Floats) -> wp.vec3:
+    """Give a point in radii from the centre of a sphere [4]: centre and radius, m."""
+    return (point - wp.vec3(sphere[0], sphere[1], sphere[2])) / sphere[3]
+
+
+@part
+@no_type_check
+def points_of(table: Ints2, view: int, rays: int) -> int:
+    """Compute how many points a view has."""
+    points = int(table[view, POINTS])
+    if table[view, POINTS_PER_RAY] > 0:
+        points += rays
+    return points
 
 
 @part
@@ -57,9 +80,21 @@ def across(frame: wp.mat33, distance: float, point: wp.vec3) -> wp.vec3:
 
 @kernel
 @no_type_check
-def find_bounds(frames: Matrices, distance: Floats, points: Vectors, parts: int, bounds: Ints2):
-    """Widen bounds [K, 4] (least x and y, most x and y, as `_in_order` has them) by every point, `parts` at once."""
+def find_bounds(
+    count: Ints,
+    sphere: Floats,
+    frames: Matrices,
+    distance: Floats,
+    table: Ints2,
+    points: Vectors,
+    parts: int,
+    bounds: Ints2,
+):
+    """Widen bounds [K, 4] by every point, `parts` at once: least x and y, and of -x and -y, as `_in_order` has them."""
     view, first = wp.tid()
+    total = points_of(table, view, count[0])
+    if first >= total:
+        return
     away = distance[view]
     reach = away / wp.sqrt(wp.max(away * away - 1.0, _LEAST_SQUARED))
     x0 = wp.float32(3.0e38)
@@ -67,8 +102,8 @@ def find_bounds(frames: Matrices, distance: Floats, points: Vectors, parts: int,
     x1 = wp.float32(-3.0e38)
     y1 = wp.float32(-3.0e38)
     index = int(first)
-    while index < points.shape[0]:
-        place = across(frames[view], away, points[index])
+    while index < total:
+        place = across(frames[view], away, in_radii(points[table[view, FIRST_POINT] + index], sphere))
         x = wp.clamp(place[0], -reach, reach)
         y = wp.clamp(place[1], -reach, reach)
         if place[2] <= 0.0:
@@ -81,54 +116,65 @@ def find_bounds(frames: Matrices, distance: Floats, points: Vectors, parts: int,
         index += parts
     wp.atomic_min(bounds, view, 0, _in_order(x0))
     wp.atomic_min(bounds, view, 1, _in_order(y0))
-    wp.atomic_max(bounds, view, 2, _in_order(x1))
-    wp.atomic_max(bounds, view, 3, _in_order(y1))
-
-
-@kernel
-@no_type_check
-def fit_windows(distance: Floats, bounds: Ints2, points: int, map_px: int, windows: Floats2):
-    """Fill windows [K, 4] (x and y of the upper left corner, px, px per radius) as `MapWindows.around`."""
-    view = wp.tid()
-    half = float(map_px) * 0.5
-    if points == 0:
-        away = distance[view]
-        scale = (half - 1.0) * wp.sqrt(wp.max(away * away - 1.0, _LEAST_SQUARED)) / away
-        windows[view, 0] = half
-        windows[view, 1] = half
-        windows[view, 2] = scale
-        windows[view, 3] = scale
-        return
-    for axis in range(2):
-        least = _of_order(bounds[view, axis])
-        most = _of_order(bounds[view, axis + 2])
-        scale = (half - 1.0) / wp.max((most - least) * 0.5, _LEAST_WINDOW)
-        windows[view, axis] = half - (least + most) * 0.5 * scale
-        windows[view, axis + 2] = scale
+    wp.atomic_min(bounds, view, 2, _in_order(-x1))
+    wp.atomic_min(bounds, view, 3, _in_order(-y1))
 
 
 @part
 @no_type_check
-def _in_window(frame: wp.mat33, distance: float, windows: Floats2, view: int, point: wp.vec3) -> wp.vec3:
+def window_of(distance: float, bounds: Ints2, view: int, points: int, map_px: int) -> wp.vec4:
+    """Fit a window as `MapWindows.around`: x and y of its upper left corner, px, and px per radius."""
+    half = float(map_px) * 0.5
+    window = wp.vec4()
+    if points == 0:
+        scale = (half - 1.0) * wp.sqrt(wp.max(distance * distance - 1.0, _LEAST_SQUARED)) / distance
+        window = wp.vec4(half, half, scale, scale)
+    else:
+        for axis in range(2):
+            least = _of_order(bounds[view, axis])
+            most = -_of_order(bounds[view, axis + 2])
+            scale = (half - 1.0) / wp.max((most - least) * 0.5, _LEAST_WINDOW)
+            window[axis] = half - (least + most) * 0.5 * scale
+            window[axis + 2] = scale
+    return window
+
+
+@part
+@no_type_check
+def _in_window(frame: wp.mat33, distance: float, window: wp.vec4, point: wp.vec3) -> wp.vec3:
     place = across(frame, distance, point)
-    return wp.vec3(
-        place[0] * windows[view, 2] + windows[view, 0], place[1] * windows[view, 3] + windows[view, 1], place[2]
-    )
+    return wp.vec3(place[0] * window[2] + window[0], place[1] * window[3] + window[1], place[2])
 
 
 @kernel
 @no_type_check
-def project_casters(frames: Matrices, distance: Floats, points: Vectors, windows: Floats2, placed: Vectors2):
-    """Fill the places [K, V] of points in the maps: x and y, px, and depth, radii."""
+def project_casters(
+    count: Ints,
+    sphere: Floats,
+    frames: Matrices,
+    distance: Floats,
+    table: Ints2,
+    bounds: Ints2,
+    vertices: Vectors,
+    placed: Vectors2,
+):
+    """Fill the places [K, V] of vertices in the maps: x and y, px, and depth, radii."""
     view, index = wp.tid()
-    placed[view, index] = _in_window(frames[view], distance[view], windows, view, points[index])
+    if index >= table[view, VERTICES]:
+        return
+    window = window_of(distance[view], bounds, view, points_of(table, view, count[0]), table[view, MAP_PX])
+    at = table[view, FIRST_VERTEX] + index
+    placed[view, at] = _in_window(frames[view], distance[view], window, in_radii(vertices[at], sphere))
 
 
 @kernel
 @no_type_check
-def draw_sides(placed: Vectors2, faces: Longs2, map_px: int, maps: Ints3):
-    """Lower the layers of maps [K, 3, map_px^2] to the mesh's front and back faces."""
-    view, face = wp.tid()
+def draw_sides(table: Ints2, placed: Vectors2, faces: Longs2, maps: Ints):
+    """Lower the layers of maps to the mesh's front and back faces."""
+    view, index = wp.tid()
+    if index >= table[view, FACES]:
+        return
+    face = table[view, FIRST_FACE] + index
     a = placed[view, int(faces[face, 0])]
     b = placed[view, int(faces[face, 1])]
     c = placed[view, int(faces[face, 2])]
@@ -137,12 +183,12 @@ def draw_sides(placed: Vectors2, faces: Longs2, map_px: int, maps: Ints3):
     if area < 0.0:
         layer = int(FRONTS)
     if area != 0.0:
-        _draw(a, b, c, area, map_px, maps, view, layer)
+        _draw(a, b, c, area, table, maps, view, layer)
 
 
 @kernel
 @no_type_check
-def draw_others(placed: Vectors2, map_px: int, maps: Ints3):
+def draw_others(table: Ints2, placed: Vectors2, maps: Ints):
     """Lower the last layer of maps to either side of the triangles of every three points."""
     view, triangle = wp.tid()
     a = placed[view, 3 * triangle]
@@ -150,29 +196,34 @@ def draw_others(placed: Vectors2, map_px: int, maps: Ints3):
     c = placed[view, 3 * triangle + 2]
     area = projected_area(a, b, c)
     if area != 0.0:
-        _draw(a, b, c, area, map_px, maps, view, OTHERS)
+        _draw(a, b, c, area, table, maps, view, OTHERS)
 
 
 @part
 @no_type_check
-def _draw(a: wp.vec3, b: wp.vec3, c: wp.vec3, area: float, map_px: int, maps: Ints3, view: int, layer: int):
+def _draw(a: wp.vec3, b: wp.vec3, c: wp.vec3, area: float, table: Ints2, maps: Ints, view: int, layer: int):
+    map_px = table[view, MAP_PX]
+    first = table[view, MAP_AT] + layer * map_px * map_px
     box = covered_centres(a, b, c, map_px, map_px)
     for y in range(box[2], box[3]):
         for x in range(box[0], box[1]):
             depth = fragment_depth(a, b, c, area, float(x) + 0.5, float(y) + 0.5)
             if depth > 0.0:
-                wp.atomic_min(maps, view, layer, y * map_px + x, wp.cast(depth, wp.int32))
+                wp.atomic_min(maps, first + y * map_px + x, wp.cast(depth, wp.int32))
 
 
 @part
 @no_type_check
-def _where_light_ends(maps: Ints3, view: int, pixel: int, most: float, contact: float) -> wp.vec2:
-    """Find the depths at which light enters the mesh, minus infinity before another triangle, and at which it ends."""
-    enters = wp.cast(maps[view, FRONTS, pixel], wp.float32)
+def _where_light_ends(maps: Ints, first: int, layer: int, most: float, contact: float) -> wp.vec2:
+    """Find the depths at which light enters the mesh, minus infinity before another triangle, and at which it ends.
+
+    `first` is the pixel in the first layer, and `layer` the pixels of one.
+    """
+    enters = wp.cast(maps[first + FRONTS * layer], wp.float32)
     ends = enters
-    if maps[view, BACKS, pixel] < _INFINITE:
-        ends = enters + wp.min(0.5 * (wp.cast(maps[view, BACKS, pixel], wp.float32) - enters), most)
-    blocker = wp.cast(maps[view, OTHERS, pixel], wp.float32) + contact
+    if maps[first + BACKS * layer] < _INFINITE:
+        ends = enters + wp.min(0.5 * (wp.cast(maps[first + BACKS * layer], wp.float32) - enters), most)
+    blocker = wp.cast(maps[first + OTHERS * layer], wp.float32) + contact
     if blocker < enters:
         enters = wp.float32(-3.0e38)
     return wp.vec2(enters, wp.min(ends, blocker))
@@ -181,12 +232,14 @@ def _where_light_ends(maps: Ints3, view: int, pixel: int, most: float, contact: 
 @kernel
 @no_type_check
 def look_up(
+    count: Ints,
+    sphere: Floats,
     frames: Matrices,
     distance: Floats,
+    table: Ints2,
     points: Vectors,
-    windows: Floats2,
-    maps: Ints3,
-    map_px: int,
+    bounds: Ints2,
+    maps: Ints,
     lengths: Floats,
     lit: Floats2,
     depth_in: Floats2,
@@ -196,7 +249,13 @@ def look_up(
     `lengths` are the scene's tolerance, contact, max_depth_in and template_m (`light.shadow_maps.ShadowScene`).
     """
     view, index = wp.tid()
-    place = _in_window(frames[view], distance[view], windows, view, points[index])
+    total = points_of(table, view, count[0])
+    if index >= total:
+        return
+    map_px = table[view, MAP_PX]
+    window = window_of(distance[view], bounds, view, total, map_px)
+    point = in_radii(points[table[view, FIRST_POINT] + index], sphere)
+    place = _in_window(frames[view], distance[view], window, point)
     x = place[0] - 0.5
     y = place[1] - 0.5
     depth = place[2]
@@ -209,14 +268,15 @@ def look_up(
     row = int(y)
     right = x - float(column)
     below = y - float(row)
-    most = _STEEPEST / wp.min(windows[view, 2], windows[view, 3])
+    most = _STEEPEST / wp.min(window[2], window[3])
     share = wp.float32(0.0)
     inside = wp.float32(0.0)
     for corner in range(4):
         across_x = corner % 2
         across_y = corner / 2
         weight = wp.where(across_x == 1, right, 1.0 - right) * wp.where(across_y == 1, below, 1.0 - below)
-        way = _where_light_ends(maps, view, (row + across_y) * map_px + column + across_x, most, lengths[1])
+        pixel = table[view, MAP_AT] + (row + across_y) * map_px + column + across_x
+        way = _where_light_ends(maps, pixel, map_px * map_px, most, lengths[1])
         if depth - lengths[0] <= way[1]:
             share += weight
         if way[0] < 3.0e38:

@@ -256,10 +256,12 @@ def signed_height(point: wp.vec3, faces: Longs2, vertices: Vectors, normals: Vec
 @kernel
 @no_type_check
 def trace_samples(
+    count: Ints,
     view: Vectors,
     width: int,
     pixel: Longs,
     offsets: Floats2,
+    surface_m: Floats,
     counts: Ints,
     depth: Floats2,
     face_at: Ints2,
@@ -283,14 +285,24 @@ def trace_samples(
     """Place the samples of rays and project each onto the part of the surface that holds it deepest.
 
     `offsets` [R, N] in (0, 1) are the samples' positions in the union of a ray's intervals. `face_at` keeps the face
-    of each part that was entered as it is tracked. Heights are the template's.
+    of each part that was entered as it is tracked. Heights are the template's. Rays beside the shell
+    have samples without length at `surface_m`.
     """
     ray = wp.tid()
+    if ray >= count[0]:
+        return
     at = int(pixel[ray])
     samples = offsets.shape[1]
-    count = counts[at]
+    crossings = counts[at]
     found = intervals[at]
     dt[ray] = total[at] / float(samples)
+    if total[at] <= 0.0:
+        for index in range(samples):
+            t[ray, index] = surface_m[at]
+            face_out[ray, index] = wp.int64(0)
+            weights_out[ray, index] = wp.vec3(1.0, 0.0, 0.0)
+            height_out[ray, index] = 0.0
+        return
     direction = direction_of(view, at, width)
     for index in range(samples):
         rest = float(offsets[ray, index] * total[at])
@@ -304,7 +316,7 @@ def trace_samples(
         deepest = float(_FAR)
         of_face = wp.int32(0)
         best = wp.vec3()
-        for crossing in range(count):
+        for crossing in range(crossings):
             entry = depth[crossing, at]
             if entry > z:
                 break

@@ -1,4 +1,4 @@
-"""Frames as PNGs: encoded and written in threads of their own while the next frames render.
+"""Frames as PNGs or EXRs: encoded and written in threads of their own while the next frames render.
 
 Encoding takes a sixth of a second at 1920x1080, in which a render that waits for it computes nothing.
 """
@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..capture.exr import write_exr
 from ..records.errors import LiveHandError
 from ..records.frame import Frame
 from ..system.files import replacing
@@ -20,12 +21,19 @@ from ..system.thread_limits import usable_threads
 from .decode import srgb_pixels
 
 _MOST_THREADS = 4
+_MOST_HALF = 65504.0
 _WAITING_PER_THREAD = 2  # images in memory
 
 
 def write_png(frame: Frame, path: Path) -> None:
     """Write a frame as sRGB with straight alpha, atomically; raises LiveHandError where it cannot be written."""
     _save(srgb_pixels(frame), path)
+
+
+def write_frame_exr(frame: Frame, path: Path) -> None:
+    """Write a frame as scene-linear premultiplied R, G, B and A of 16 bits, and Z, m, of 32; as `write_png`."""
+    rgba = np.concatenate([frame.rgb, frame.alpha[..., None]], -1).clip(-_MOST_HALF, _MOST_HALF).astype(np.float16)
+    write_exr(path, {name: rgba[..., k] for k, name in enumerate("RGBA")} | {"Z": frame.depth.astype(np.float32)})
 
 
 class _Pending(NamedTuple):
@@ -35,8 +43,8 @@ class _Pending(NamedTuple):
     then: Callable[[], None]
 
 
-class PngWriter:
-    """Writes PNGs as `write_png` does. Leaving the context waits until all are written.
+class FrameWriter:
+    """Writes PNGs as `write_png` does, and EXRs as `write_frame_exr`. Leaving the context waits until all are written.
 
     A frame that cannot be written raises LiveHandError at the next `write`, or when the context is left; those behind
     it are written nevertheless. What follows a frame runs in the caller's thread, in the order of the frames.
@@ -48,10 +56,10 @@ class PngWriter:
     def __init__(self, threads: int | None = None):
         count = threads or min(_MOST_THREADS, max(1, usable_threads() // 2))
         self._most_waiting = _WAITING_PER_THREAD * count
-        self._workers = ThreadPoolExecutor(count, thread_name_prefix="livehand-png")
+        self._workers = ThreadPoolExecutor(count, thread_name_prefix="livehand-files")
         self._pending: deque[_Pending] = deque()
 
-    def __enter__(self) -> PngWriter:
+    def __enter__(self) -> FrameWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -70,11 +78,12 @@ class PngWriter:
 
         Args:
             frame: as rendered.
-            path: of the PNG.
+            path: of the file: `.exr`, or a PNG.
             then: is called once the file is there.
         """
         self._finish(self._most_waiting - 1)
-        self._pending.append(_Pending(self._workers.submit(_save, srgb_pixels(frame), path), then))
+        work = (write_frame_exr, frame) if path.suffix == ".exr" else (_save, srgb_pixels(frame))
+        self._pending.append(_Pending(self._workers.submit(*work, path), then))
 
     def _finish(self, most_left: int) -> None:
         """Follow up the images that are written, in order, and wait until at most so many are left."""

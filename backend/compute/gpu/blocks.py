@@ -1,0 +1,77 @@
+"""Named arrays side by side in one piece of a device's memory: cleared, or copied from or to the host, at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import prod
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+Layout = Mapping[str, tuple[Any, tuple[int, ...]]]
+"""Name -> (Warp's type of an element, shape)."""
+_ALIGNED_BYTES = 64
+
+
+class Block:
+    """Arrays of a layout.
+
+    Attributes:
+        words: all of it, as whole numbers.
+    """
+
+    def __init__(self, layout: Layout, device: str, pinned: bool = False) -> None:
+        starts, end = {}, 0
+        for name, (kind, shape) in layout.items():
+            starts[name] = end
+            end += -(-prod(shape) * wp.types.type_size_in_bytes(kind) // _ALIGNED_BYTES) * _ALIGNED_BYTES
+        self.words = wp.zeros(max(end, _ALIGNED_BYTES) // 4, dtype=wp.int32, device=device, pinned=pinned)
+        self._arrays = {
+            name: wp.array(ptr=self.words.ptr + starts[name], dtype=kind, shape=shape, device=device)
+            for name, (kind, shape) in layout.items()
+        }
+
+    def __getitem__(self, name: str) -> wp.array:
+        """Return an array of the layout."""
+        return self._arrays[name]
+
+
+class HostBlock:
+    """The host's twin of a block, by which it is filled or read at once; pinned where there is a GPU."""
+
+    def __init__(self, block: Block, layout: Layout) -> None:
+        self._block, is_cuda = block, block.words.device.is_cuda
+        self._twin = Block(layout, "cpu", pinned=is_cuda)
+        self._values = {name: self._twin[name].numpy() for name in layout}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Return the memory of an array, to be read or written."""
+        return self._values[name]
+
+    def upload(self) -> None:
+        """Copy all to the device."""
+        wp.copy(self._block.words, self._twin.words)
+
+    def download(self) -> None:
+        """Copy all from the device; on a GPU, when its stream comes to it."""
+        wp.copy(self._twin.words, self._block.words)
+
+
+def columns_of(rows: wp.array, first: int, kind: Any, shape: tuple[int, ...]) -> wp.array:
+    """Return some columns of rows [R, C] of floats as an array [R, *shape] of vectors or floats, without a copy."""
+    step = wp.types.type_size_in_bytes(kind)
+    inner = [step * prod(shape[axis + 1 :]) for axis in range(len(shape))]
+    return wp.array(
+        ptr=rows.ptr + 4 * first,
+        dtype=kind,
+        shape=(rows.shape[0], *shape),
+        strides=(rows.strides[0], *inner),
+        device=rows.device,
+    )
+
+
+def part_of(array: wp.array, first: int, count: int) -> wp.array:
+    """Return elements of an array [N] from `first` on, without a copy."""
+    at = array.ptr + first * array.strides[0]
+    return wp.array(ptr=at, dtype=array.dtype, shape=(count,), device=array.device)

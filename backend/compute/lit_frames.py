@@ -1,0 +1,101 @@
+"""What a backend that renders whole lit frames is given: what they are made of, and one shot; all of it on the host."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from ..field.rays import CameraTensors
+from ..field.relightable import RelightableField
+from ..field.sampler import SamplerConfig
+from ..geometry.mesh import Topology
+from ..hand.topology import Skinning
+from ..image.superres import ResidualSuperRes
+from ..light.samples import LightSamples
+from ..light.shadow_maps import Bounds
+from ..records.shot import HandPose
+from ..surface.detail_maps import DetailMaps
+from ..surface.detail_mesh import DetailTemplate
+
+
+@dataclass(frozen=True)
+class FrameModel:
+    """What lit frames are made of, as CPU's tensors.
+
+    Attributes:
+        field: whose decoder and planes are asked.
+        superres: of its rays.
+        topology: of the hand's mesh.
+        skinning: of the hand.
+        template: of the avatar's surface.
+        maps: of its detail.
+        albedo: [V, 3] of the skin at the mesh's vertices.
+        sampler: of the rays, at the surface.
+        stands_out_m: how far skin may stand out of the mesh, template metres.
+        edge_m: by how much the depths of two surfaces differ, template metres.
+    """
+
+    field: RelightableField
+    superres: ResidualSuperRes
+    topology: Topology
+    skinning: Skinning
+    template: DetailTemplate
+    maps: DetailMaps
+    albedo: Tensor
+    sampler: SamplerConfig
+    stands_out_m: float
+    edge_m: float
+
+    @property
+    def casting_faces(self) -> int:
+        """Of the surface, that cast the shadows of lamps."""
+        return len(self.template.coarse_faces)
+
+    @cached_property
+    def casting_vertices(self) -> int:
+        """Of these faces, the first of the surface's."""
+        return int(self.template.coarse_faces.max()) + 1
+
+
+class LitShot(NamedTuple):
+    """A hand in a light, of which everything lies on the host.
+
+    Attributes:
+        pose: of the hand.
+        vertices: [V, 3] m, world.
+        joint_pose: [16, 9] what `vertex_local_pose` blends, rad.
+        height_m: [N] what rises on the avatar's surface, template metres.
+        flex: [V] bend of the skin.
+        camera: of the rays; the image is twice as large.
+        scale: of the hand against its template.
+        bounds: of its vertices.
+        light: sampled around these.
+    """
+
+    pose: HandPose
+    vertices: np.ndarray
+    joint_pose: np.ndarray
+    height_m: np.ndarray
+    flex: np.ndarray
+    camera: CameraTensors
+    scale: float
+    bounds: Bounds
+    light: LightSamples
+
+
+@runtime_checkable
+class LitFrameRenderer(Protocol):
+    """Renders lit frames of one model."""
+
+    def render(self, shot: LitShot) -> Float[np.ndarray, "H W 5"] | None:
+        """Render premultiplied scene-linear RGB, alpha and depth, m; valid until the next frame.
+
+        Returns:
+            None if the shot has more of something than there is room for.
+        """
+        ...

@@ -1,0 +1,163 @@
+"""The short road of a frame: a shot becomes what a backend renders at once, and its pixels a frame.
+
+It shows what `RelightablePipeline` does stage by stage, which takes over where it is asked for more.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..avatars.avatar import Avatar
+from ..compute.lit_frames import FrameModel, LitFrameRenderer, LitShot
+from ..compute.reference import ReferenceBackend
+from ..field.conditions import joint_pose
+from ..field.rays import camera_tensors
+from ..field.relightable import RelightableField
+from ..geometry.mesh import posed_mesh
+from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
+from ..hand.topology import Skinning, topology_of
+from ..image.crop import Crop, crop_of
+from ..image.superres import RelightableSuperRes
+from ..light.indirect_diffuse import MOST_SURFELS
+from ..light.samples import LightSamples
+from ..light.shadow_maps import Bounds
+from ..records.frame import Frame, empty_frame
+from ..records.light import Light
+from ..records.shot import HandPose, Shot
+from ..records.side import Side
+from ..surface.detail_mesh import DetailTemplate
+from .albedo import vertex_albedo
+from .avatar_surface import AvatarSurface, avatar_surface_of
+from .primary_hits import EDGE_M, STANDS_OUT_M
+
+BUCKET_PX = 64
+"""Sizes of rays' images are multiples of this: frames of one size share buffers, and a recorded sequence."""
+LOGGER = logging.getLogger(__name__)
+
+
+def is_short(shot: Shot) -> bool:
+    """Return whether the short road knows all that a shot asks for."""
+    light = shot.light or Light()
+    is_plain = light.measured is None and len(light.occluders) == 0 and light.shadow_quality != "fine"
+    return is_plain and shot.quality == "final" and shot.hair == 0 and not shot.camera.is_orthographic
+
+
+@dataclass(frozen=True)
+class LitShots:
+    """Renders shots of one avatar by a backend's whole frames.
+
+    Attributes:
+        avatar: relightable, with a surface.
+        hand: of its meshes.
+        surface: the avatar's, on the host.
+        backend: renders.
+    """
+
+    avatar: Avatar
+    hand: HandModel
+    surface: AvatarSurface
+    backend: ReferenceBackend
+    _lock: AbstractContextManager = field(default_factory=threading.Lock, compare=False, repr=False)
+
+    @classmethod
+    def of(cls, avatar: Avatar, hand: HandModel, backend: ReferenceBackend) -> LitShots | None:
+        """Prepare an avatar; None: it has no surface or more vertices than are surfels, or the backend renders none."""
+        if not backend.renders_lit_frames or len(hand.v_template) > MOST_SURFELS:
+            return None
+        surface = avatar_surface_of(avatar, torch.device("cpu"))
+        return None if surface is None else cls(avatar, hand, surface, backend)
+
+    def render(self, shot: Shot, light: Light) -> Frame | None:
+        """Render a shot in a light; None: it has more of something than there is room for."""
+        with self._lock:  # a frame's pixels are valid until the next
+            return self._rendered(shot, light)
+
+    def _rendered(self, shot: Shot, light: Light) -> Frame | None:
+        model = self._model(shot.pose.side)
+        mesh = posed_mesh(model.topology, torch.as_tensor(np.asarray(shot.vertices), dtype=torch.float32))
+        crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, self.avatar.config.superres.scale)
+        if crop is None:
+            return empty_frame(shot.camera.size_px)
+        width, height = (-(-size // BUCKET_PX) * BUCKET_PX for size in (crop.width, crop.height))
+        crop = replace(crop, width=width, height=height)
+        pose, bounds = shot.pose, Bounds.of(mesh)
+        theta, forearm = (values * self._mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
+        pixels = self._renderer(pose.side).render(
+            LitShot(
+                pose=pose,
+                vertices=mesh.vertices.numpy(),
+                joint_pose=self._joint_pose(pose).numpy(),
+                height_m=1e-3 * self.surface.surface.raised.height_mm(theta, self.surface.veins_mm, forearm),
+                flex=self.surface.bend.flex(theta),
+                camera=camera_tensors(crop.camera_of(shot.camera), "cpu"),
+                scale=float(mesh.scale),
+                bounds=bounds,
+                light=LightSamples.of(light, bounds),
+            )
+        )
+        if pixels is None:
+            LOGGER.warning("a GPU's lists hold fewer edges or layers, or its memory is full; stages render this frame")
+            return None
+        return _frame_of(pixels, crop, shot)
+
+    def _joint_pose(self, pose: HandPose) -> Tensor:
+        theta = pose.theta * self._mirror_to(self.hand.side, pose.side)
+        skinning = self._model(pose.side).skinning
+        return joint_pose(torch.as_tensor(theta, dtype=torch.float32), skinning.parents)
+
+    @staticmethod
+    def _mirror_to(side: Side, of: Side) -> np.ndarray:
+        return np.ones(3) if side == of else MIRROR_AXIS_ANGLE
+
+    def _renderer(self, side: Side) -> LitFrameRenderer:
+        if side not in self._renderers:
+            self._renderers[side] = self.backend.lit_frames(self._model(side))
+        return self._renderers[side]
+
+    def _model(self, side: Side) -> FrameModel:
+        if side not in self._models:
+            self._models[side] = self._model_of(side)
+        return self._models[side]
+
+    def _model_of(self, side: Side) -> FrameModel:
+        model, config = self.hand.for_side(side), self.avatar.config
+        planes, superres = self.avatar.field, self.avatar.superres
+        assert isinstance(planes, RelightableField)
+        assert isinstance(superres, RelightableSuperRes)
+        return FrameModel(
+            field=planes,
+            superres=superres,
+            topology=topology_of(model, "cpu", self.hand.side),
+            skinning=Skinning.of(self.hand),
+            template=DetailTemplate.of(self.surface.surface, model),
+            maps=self.surface.maps,
+            albedo=torch.as_tensor(vertex_albedo(self.avatar, self.hand), dtype=torch.float32),
+            sampler=config.sampler.at_surface,
+            stands_out_m=STANDS_OUT_M,
+            edge_m=EDGE_M,
+        )
+
+    @cached_property
+    def _models(self) -> dict[Side, FrameModel]:
+        return {}
+
+    @cached_property
+    def _renderers(self) -> dict[Side, LitFrameRenderer]:
+        return {}
+
+
+def _frame_of(pixels: Float[np.ndarray, "H W 5"], crop: Crop, shot: Shot) -> Frame:
+    """Paste a crop's pixels into a frame of the whole image."""
+    frame = replace(empty_frame(shot.camera.size_px), is_lit=shot.light is not None)
+    for values, image in ((pixels[..., :3], frame.rgb), (pixels[..., 3], frame.alpha), (pixels[..., 4], frame.depth)):
+        crop.paste(values, image)
+    return frame

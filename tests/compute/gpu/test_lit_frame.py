@@ -1,0 +1,251 @@
+"""Whole frames as one sequence, on Warp's CPU device and a GPU if there is one, against the reference's."""
+
+import logging
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+import warp as wp
+from livehand.backend.avatars.file import load_avatar
+from livehand.backend.compute.cpu.backend import NumbaBackend
+from livehand.backend.compute.gpu import frame_parameters, lit_frame
+from livehand.backend.compute.gpu.backend import WarpBackend
+from livehand.backend.compute.gpu.frame_parameters import FrameShape
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.records.light import Light
+from livehand.backend.render.lit_shots import LitShots, is_short
+from livehand.backend.render.renderer import Renderer
+
+from .conftest import AREAS, POINT, SKY, SLAB, SPOT, SUN, shots
+
+pytestmark = pytest.mark.slow
+
+VALUE, FLIPPED = 2e-3, 2e-2  # as `test_frames` has them
+MOST_LAUNCHES = 60
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return load_default_hand()
+
+
+@pytest.fixture(scope="module")
+def renderers(device, hand):
+    """Ours on Warp's device, and the CPU's own."""
+    avatar, name = load_avatar(), "cuda:0" if device.type == "cuda" else "cpu"
+    return (Renderer(avatar, hand, "cpu", "fp32", backend) for backend in (WarpBackend(name), NumbaBackend()))
+
+
+@pytest.fixture(scope="module")
+def ours(renderers):
+    return next(renderers)
+
+
+@pytest.fixture(scope="module")
+def theirs(ours, renderers):
+    return next(renderers)
+
+
+@pytest.fixture(scope="module")
+def first(hand):
+    return next(iter(shots(hand)))
+
+
+def kinds(hand):
+    """Shots by what they are of."""
+    right, moving, cut, left = shots(hand)
+    sculpted = right.vertices + 0.002 * np.sin(300 * right.vertices[:, ::-1])
+    return {
+        "right": right,
+        "left": left,
+        "past the border": replace(cut, light=Light((SUN, SPOT))),
+        "without lamps": replace(moving, light=Light((), SKY), quality="final"),
+        "without a sky": replace(moving, light=Light((POINT, *AREAS)), quality="final"),
+        "in the capture's light": replace(right, light=None),
+        "sculpted": replace(right, vertices=sculpted, light=Light((SUN,), SKY)),
+        "of another shape": replace(right, light=Light((POINT,), SKY), vertices=1.2 * right.vertices),
+    }
+
+
+KINDS = tuple(kinds(load_default_hand()))
+
+
+def rendered_at_once(renderer, shot):
+    """A frame that was not rendered stage by stage."""
+    pipeline = renderer.pipeline
+    assert is_short(shot)
+    with torch.inference_mode():
+        frame = pipeline._shots.render(shot, pipeline.light_of(shot))
+    assert frame is not None
+    return frame
+
+
+def assert_same_frame(one, other):
+    for name in ("rgb", "alpha"):
+        off = np.abs(getattr(one, name) - getattr(other, name))
+        assert (off > VALUE * max(1, other.rgb.max())).mean() < FLIPPED, name
+    solid = (one.alpha > 0.5) & (other.alpha > 0.5)
+    assert solid.sum() > 300
+    assert (np.abs(one.depth - other.depth)[solid] > 5e-4).mean() < FLIPPED
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_frame_at_once_is_the_references(ours, theirs, hand, kind):
+    shot = kinds(hand)[kind]
+    theirs.forget()
+    assert_same_frame(rendered_at_once(ours, shot), theirs.render(shot))
+
+
+def test_the_pipeline_renders_at_once(ours, first, monkeypatch):
+    at_once = rendered_at_once(ours, first)
+    monkeypatch.setattr(type(ours.pipeline), "gbuffer_of", lambda *_: pytest.fail("rendered stage by stage"))
+    frame = ours.render(first)
+    assert np.array_equal(frame.rgb, at_once.rgb)
+    assert frame.is_lit
+
+
+def test_frames_through_the_same_buffers_are_as_each_alone(ours, hand, first):
+    """Nothing of a frame is left for the next, whatever else it showed."""
+    bent = next(iter(shots(hand)))
+    other = replace(bent, vertices=bent.vertices[:, [0, 1, 2]] + (0.004, 0, 0.003), light=Light((*AREAS, SUN), SKY))
+    alone = [rendered_at_once(fresh(ours), shot) for shot in (first, other)]
+    shared = fresh(ours)
+    for shot, frame in ((first, alone[0]), (other, alone[1]), (first, alone[0])):
+        again = rendered_at_once(shared, shot)
+        assert np.array_equal(again.rgb, frame.rgb)
+        assert np.array_equal(again.depth, frame.depth)
+    assert not np.array_equal(alone[0].rgb, alone[1].rgb)
+
+
+def fresh(renderer):
+    """The same renderer without its buffers."""
+    return replace(renderer)
+
+
+def sequence_of(renderer):
+    """The sequence of the last frame's shape."""
+    frames = renderer.pipeline._shots._renderers["right"]
+    return next(reversed(frames._kept.values())).buffers
+
+
+def test_a_recorded_frame_is_the_plain_one_with_other_parameters(ours, first):
+    moved = replace(first, light=Light((*AREAS, SUN), replace(SKY, radiance=2 * SKY.radiance)))
+    plain = rendered_at_once(ours, moved)
+    rendered_at_once(ours, first)
+    buffers = sequence_of(ours)
+    graph = buffers.sequence.recorded()
+    buffers.sequence.run = lambda: wp.capture_launch(graph)
+    try:
+        assert np.array_equal(rendered_at_once(ours, moved).rgb, plain.rgb)
+    finally:
+        del buffers.sequence.run
+
+
+NETWORKS = 1e-4
+"""Sums of 576 products one after another, five times, in single precision; of the largest value."""
+
+
+def test_networks_are_torchs(ours, first, device):
+    """On what a frame gave them; on a GPU in half precision."""
+    rendered_at_once(ours, first)
+    buffers, (width, height) = sequence_of(ours), sequence_of(ours).shape.size_px
+    model, rays = buffers.model, int(buffers["counts"].numpy()[0])
+    bound = 2e-3 if device.type == "cuda" else NETWORKS
+    inputs = torch.as_tensor(buffers["decoder_inputs"].numpy()[:rays, : model.field.trunk[0].in_features]).float()
+    maps = torch.as_tensor(buffers["maps34"].numpy()).T.reshape(1, -1, height, width)
+    rows = torch.as_tensor(buffers["tail"].numpy()[: (height + 2) * (width + 2)]).reshape(height + 2, width + 2, -1)
+    detail = torch.nn.functional.pixel_shuffle(rows[1:-1, 1:-1, :48].permute(2, 0, 1)[None], 2)
+    with torch.no_grad():
+        pairs = (
+            (torch.as_tensor(buffers["raw"].numpy()[:rays, :30]), model.field.decoded(inputs)),
+            (detail, model.superres.residual(maps)),
+        )
+    for one, other in pairs:
+        assert other.abs().max() > 0.1
+        assert (one - other).abs().max() < bound * other.abs().max()
+
+
+def test_launches_of_a_frame(ours, first):
+    rendered_at_once(ours, first)
+    kernels = sequence_of(ours).sequence.kernels
+    assert 40 < len(kernels) <= MOST_LAUNCHES, Counter(kernels)
+
+
+def test_nothing_waits_for_the_host_within_a_frame(ours, first, monkeypatch):
+    rendered_at_once(ours, first)
+    buffers = sequence_of(ours)
+
+    def forbidden(*_, **__):
+        pytest.fail("the host waits")
+
+    for name in ("item", "numpy", "cpu", "tolist", "nonzero", "__bool__", "__int__", "__float__"):
+        monkeypatch.setattr(torch.Tensor, name, forbidden)
+    for name in ("synchronize", "synchronize_device", "synchronize_stream"):
+        monkeypatch.setattr(wp, name, forbidden)
+    monkeypatch.setattr(wp.array, "numpy", forbidden)
+    buffers.sequence.run()
+    monkeypatch.undo()
+    assert buffers.answer["overflow"][0] == 0
+
+
+@pytest.mark.parametrize("list_of", ["layers", "edges"])
+def test_a_list_that_overflows_is_said_and_the_stages_take_over(ours, theirs, first, list_of, monkeypatch, caplog):
+    if list_of == "layers":
+        monkeypatch.setattr(lit_frame, "CAPACITY", 1)
+    else:
+        monkeypatch.setattr(frame_parameters, "EDGE_SHARE", 1e-3)
+    renderer = fresh(ours)
+    with caplog.at_level(logging.WARNING):
+        frame = renderer.render(first)
+    assert "fewer edges or layers" in caplog.text
+    theirs.forget()
+    assert_same_frame(frame, theirs.render(first))
+
+
+def test_buffers_of_few_shapes_are_kept(ours, hand, first):
+    frames, made = lit_frame.LitFrames(LitShots.of(load_avatar(), hand, WarpBackend("cpu"))._model("right"), "cpu"), []
+    shape = FrameShape((16, 16), 64, 0, 0, 0)
+    for lamps in range(6):
+        made.append(frames.of(replace(shape, samples=lamps, lamps=lamps)))
+    assert len(frames._kept) == 4
+    assert frames.of(replace(shape, samples=5, lamps=5)) is made[5]
+    assert frames.of(shape) is not made[0]
+
+
+def test_frames_of_several_threads_are_each_its_own(ours, hand, first):
+    shots_of = [replace(first, light=Light((SUN,), replace(SKY, radiance=k * SKY.radiance))) for k in (1.0, 3.0)]
+    alone = [rendered_at_once(ours, shot) for shot in shots_of]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(lambda k: rendered_at_once(ours, shots_of[k % 2]), range(6)))
+    for k, frame in enumerate(together):
+        assert np.array_equal(frame.rgb, alone[k % 2].rgb)
+
+
+def test_a_full_memory_is_said_and_the_stages_take_over(ours, theirs, first, monkeypatch, caplog):
+    def full(*_):
+        raise RuntimeError("Failed to allocate 99 bytes on device 'cuda:0'")
+
+    monkeypatch.setattr(lit_frame, "LitFrame", full)
+    with caplog.at_level(logging.WARNING):
+        frame = fresh(ours).render(first)
+    assert "memory is full" in caplog.text
+    theirs.forget()
+    assert_same_frame(frame, theirs.render(first))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"quality": "preview"},
+        {"hair": 0.5},
+        {"light": Light((SUN,), SKY, SLAB, np.full((1, 3), 0.5))},
+        {"light": Light((SUN,), shadow_quality="fine")},
+    ],
+)
+def test_what_it_does_not_know_is_rendered_stage_by_stage(first, change):
+    assert is_short(first)
+    assert not is_short(replace(first, **change))
+    assert not is_short(replace(first, camera=replace(first.camera, is_orthographic=True)))
