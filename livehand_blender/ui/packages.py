@@ -262,15 +262,23 @@ def missing_for(purpose: str) -> tuple[Requirement, ...]:
 
 def draw_packages(layout: bpy.types.UILayout, context: bpy.types.Context, purpose: str = "RENDER") -> None:
     """Draw how to install what is missing for a purpose; draws nothing if nothing is missing or downloaded."""
-    if draw_progress(layout):
-        return
-    missing = missing_for(purpose)
-    if missing:
+    if not draw_progress(layout) and missing_for(purpose):
         column = layout.column(align=True)
         column.label(text="Python packages missing", icon="INFO")
         _draw_online(column)
-        text = f"Install Packages ({download_mb(missing, package_index(context)):,} MB)"
-        column.operator("livehand.install_packages", text=text, icon="IMPORT").purpose = purpose
+        _draw_install(column, context, purpose, "Install Packages")
+
+
+def draw_offer(layout: bpy.types.UILayout, context: bpy.types.Context, purpose: str, title: str) -> None:
+    """Draw, as one button with a title, what installs the packages of a purpose that few need; or the progress."""
+    if not draw_progress(layout):
+        _draw_install(layout, context, purpose, title)
+
+
+def _draw_install(layout: bpy.types.UILayout, context: bpy.types.Context, purpose: str, title: str) -> None:
+    megabytes = download_mb(missing_for(purpose), package_index(context))
+    text = f"{title} ({megabytes:,} MB)"
+    layout.operator("livehand.install_packages", text=text, icon="IMPORT").purpose = purpose
 
 
 def draw_tracker(layout: bpy.types.UILayout) -> None:

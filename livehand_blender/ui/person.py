@@ -18,7 +18,7 @@ from ..render.hand_source import set_avatar
 from ..rig.hand import active_hand
 from .jobs import RunsJob
 from .mixins import NeedsTracker
-from .packages import draw_packages
+from .packages import draw_offer
 from .preferences import library_folder
 
 _SIDES = (
@@ -79,10 +79,9 @@ class LIVEHAND_OT_person_from_pictures(NeedsTracker, RunsJob, bpy.types.Operator
 
 
 def draw_person(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the button, or how to install what it needs."""
+    """Draw the button, or one that installs what it needs: nothing is wrong where few want it."""
     if missing_of(PICTURES):
-        layout.label(text="From Film or Photographs:")
-        draw_packages(layout, context, "PICTURES")
+        draw_offer(layout, context, "PICTURES", "Film or Photographs")  # and their size: a narrow tab has no more room
     else:
         layout.operator("livehand.person_from_pictures", text="From Film or Photographs", icon="FILE_MOVIE")
 
