@@ -1,11 +1,18 @@
-"""How the example scripts save their .blend: without unused data and local paths, rendered through the camera."""
+"""How the example scripts save their .blend: without unused data and local paths, seen through the camera.
+
+Run them in the oldest Blender that LiveHand supports, else that one warns of a file of a newer version.
+"""
 
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import bpy
 import livehand
+import zstandard
+
+SMALLEST = 19  # zstd's slowest usual level; Blender's own is 3, whose files are a fifth larger
 
 
 def write_example(build: Callable[[], object], default: Path) -> None:
@@ -25,11 +32,19 @@ def _save(path: Path) -> None:
     bpy.data.orphans_purge(do_recursive=True)
     for space in (space for screen in bpy.data.screens for area in screen.areas for space in area.spaces):
         if space.type == "VIEW_3D":  # a finished shot, not a hand somewhere in an empty view
-            space.region_3d.view_perspective, space.shading.type = "CAMERA", "RENDERED"
+            space.region_3d.view_perspective = "CAMERA"
     for browser in _file_browsers():
         browser.params.directory = b"//"
     bpy.context.preferences.filepaths.save_version = 0
-    bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True, relative_remap=False)
+    write_small(lambda raw: bpy.ops.wm.save_as_mainfile(filepath=str(raw), compress=False, relative_remap=False), path)
+
+
+def write_small(write: Callable[[Path], object], path: Path) -> None:
+    """Let Blender write a .blend that is not compressed, and compress it to `path` as far as zstd can."""
+    with tempfile.TemporaryDirectory() as folder:
+        raw = Path(folder) / path.name
+        write(raw)
+        path.write_bytes(zstandard.ZstdCompressor(SMALLEST).compress(raw.read_bytes()))
 
 
 def _file_browsers() -> list[bpy.types.SpaceFileBrowser]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import bpy
 import livehand
 import numpy as np
+from example_file import write_small
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.geometry.framing import fitting_camera
 from livehand.backend.geometry.rotation import matrix_to_axis_angle
@@ -24,6 +25,7 @@ from livehand.backend.hand.poses import POSES, LibraryPose
 from livehand.backend.image.decode import straight_srgb
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.renderer import Renderer
+from livehand.backend.render.studio_light import studio_light
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import bone_quaternions
@@ -32,8 +34,14 @@ ASSETS = Path(livehand.__file__).parent / "livehand_blender" / "assets"
 PICTURE_PX = 128
 GROUND = 0.22  # sRGB grey behind the hand
 FILLED = 0.9  # fraction of the preview that the hand's longer side covers
-# Towards the camera, of an upright right hand: back to the front (-Y), thumb to the left (-X).
-TOWARDS_CAMERA = {"palm": (-0.35, 1.0, 0.15), "thumb": (-1.0, -0.1, 0.2)}
+# Shades of a preview's channel: all 256 would add 100 kB.
+SHADES = 85
+# How an upright right hand, its back to the front (-Y, where the light is) and its thumb to the left, is turned about
+# Z, and where its camera is.
+VIEWS = {
+    "palm": (np.diag([-1.0, -1, 1]), (0.35, -1.0, 0.15)),
+    "thumb": (np.eye(3), (-1.0, -0.1, 0.2)),
+}
 CATALOG_HEADER = "# This is an Asset Catalog Definition file for Blender.\nVERSION 1\n"
 
 
@@ -48,7 +56,7 @@ def make_library(folder: Path) -> None:
         describe(action, pose)
         set_preview(action, picture_of(renderer, pose))
         actions.add(action)
-    bpy.data.libraries.write(str(folder / "poses.blend"), actions, fake_user=True, compress=True)
+    write_small(lambda raw: bpy.data.libraries.write(str(raw), actions, fake_user=True), folder / "poses.blend")
     (folder / "blender_assets.cats.txt").write_text(catalogs())
 
 
@@ -96,13 +104,14 @@ def set_preview(action: bpy.types.Action, picture: np.ndarray) -> None:
 def picture_of(renderer: Renderer, pose: LibraryPose) -> np.ndarray:
     """[H, W, 3] sRGB in 0..1, the upright right hand on a grey background."""
     theta = theta_of_pose(pose)
-    theta[0] = matrix_to_axis_angle(UPRIGHT)
+    turn, towards_camera = VIEWS[pose.view_from]
+    theta[0] = matrix_to_axis_angle(turn @ UPRIGHT)
     hand_pose = HandPose(theta, np.zeros(10), np.zeros(3))
     vertices = posed_vertices(renderer.hand, hand_pose)
     shown = vertices[renderer.hand.framed_vertices]  # poses differ in the hand; the arm may leave the picture
-    camera = fitting_camera(shown, TOWARDS_CAMERA[pose.view_from], (PICTURE_PX, PICTURE_PX), FILLED)
-    picture = straight_srgb(renderer.render(Shot(hand_pose, vertices, camera)))
-    return picture[..., :3] * picture[..., 3:] + GROUND * (1 - picture[..., 3:])
+    camera = fitting_camera(shown, towards_camera, (PICTURE_PX, PICTURE_PX), FILLED)
+    picture = straight_srgb(renderer.render(Shot(hand_pose, vertices, camera, studio_light())))
+    return np.round(SHADES * (picture[..., :3] * picture[..., 3:] + GROUND * (1 - picture[..., 3:]))) / SHADES
 
 
 def catalog_id(catalog: str) -> str:

@@ -80,6 +80,11 @@ def target_name(finger: str, side: Side) -> str:
     return f"IK-{finger}.{side[0].upper()}"
 
 
+def shown_target_name(finger: str, side: Side) -> str:
+    """Name the hidden bone where a target is drawn: at the fingertip while the bones move the finger."""
+    return f"MCH-{target_name(finger, side)}"
+
+
 def finger_joints(finger: str) -> tuple[int, int, int]:
     """List the three joints of a finger, from the knuckle to the tip."""
     first = JOINT_NAMES.index(f"{finger}1")

@@ -21,7 +21,6 @@ from ..hand.model_file import load_hand_model
 from ..records.errors import LiveHandError
 from ..system.child_job import JobProgress, Report, run_job
 from ..system.packages import load_torch_libraries
-from ..system.processes import lower_priority
 from ..system.thread_limits import allow_cpu_for_mps, limit_spinning
 from .frame_queue import FrameQueue
 from .frame_task import HandRenderer
@@ -198,7 +197,6 @@ def run() -> None:
 
 
 def _prepared(_request: None, report: Report) -> Mapping[str, Any]:
-    lower_priority()
     threading.Thread(target=_count, args=(report,), name="livehand count", daemon=True).start()
     return {"seconds": prepare_kernels(shipped_avatar_path()).seconds}
 

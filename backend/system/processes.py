@@ -18,8 +18,6 @@ import uuid
 from collections.abc import Callable, Generator
 from pathlib import Path
 
-_NICE = 10
-
 
 def process_space() -> str:
     """Identify where a process id is valid: this machine since it was started, or this container."""
@@ -38,12 +36,6 @@ def end_by_input(process: subprocess.Popen[bytes], patience_s: float) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-
-
-def lower_priority() -> None:
-    """Let other processes go first, where the system has such a priority."""
-    with contextlib.suppress(AttributeError, OSError):
-        os.nice(_NICE)
 
 
 def is_running(pid: int) -> bool:

@@ -284,6 +284,13 @@ def prepare_soon() -> None:
         bpy.app.timers.register(_prepare, first_interval=_SOON_S)
 
 
+def prepare_now() -> None:
+    """Start compiling the kernels at once: a view that begins before would compile them a second time."""
+    if not bpy.app.background:
+        LiveHandRender.preparation.start()
+        prepare_soon()
+
+
 def stop_preparing() -> None:
     """Undo `prepare_soon`."""
     if bpy.app.timers.is_registered(_prepare):

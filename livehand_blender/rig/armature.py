@@ -27,6 +27,7 @@ from ...backend.hand.bones import (
     rest_bones,
     rest_forearm,
     root_name,
+    shown_target_name,
     target_name,
 )
 from ...backend.hand.joint_axes import joint_frames
@@ -115,6 +116,7 @@ def _add_bones(armature: bpy.types.Object, model: HandModel, anatomical: np.ndar
         last = _along(rest, finger_joints(finger)[-1])
         tip = last._replace(head=last.head + last.length * last.frame[:, 1], length=_TARGET_M)
         _add_bone(armature, target_name(finger, side), root_name(side), tip)
+        _add_bone(armature, shown_target_name(finger, side), bone_name(finger_joints(finger)[-1], side), tip)
     bpy.ops.object.mode_set(mode="OBJECT")
 
 

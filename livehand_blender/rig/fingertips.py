@@ -12,7 +12,15 @@ import bpy
 import numpy as np
 
 from ...backend.geometry.rotation import axis_angle_to_matrix, matrix_to_quaternion
-from ...backend.hand.bones import FINGERS, bone_name, control_name, finger_joints, root_name, target_name
+from ...backend.hand.bones import (
+    FINGERS,
+    bone_name,
+    control_name,
+    finger_joints,
+    root_name,
+    shown_target_name,
+    target_name,
+)
 from ...backend.records.side import Side
 from .armature import rest_frames
 from .drivers import drive_by_sliders
@@ -24,6 +32,7 @@ IK_CONSTRAINT = "Fingertip IK"
 # How much more a finger's joint resists turning sideways and about itself than bending (Blender's IK stiffness, 0..1).
 _SIDEWAYS, _TWIST = 0.6, 0.95
 _HINGE_SIDEWAYS = 0.95
+_SAME_PLACE_M = 1e-6
 
 
 def add_fingertip_targets(armature: bpy.types.Object, side: Side) -> None:
@@ -40,6 +49,9 @@ def add_fingertip_targets(armature: bpy.types.Object, side: Side) -> None:
         constraint.chain_count = len(joints)
         constraint.use_stretch = False
         drive_by_sliders(constraint, "influence", -1, {f"{finger}.ik": 1.0}, armature)
+        shown = armature.pose.bones[shown_target_name(finger, side)].constraints.new("COPY_LOCATION")
+        shown.target, shown.subtarget = armature, target_name(finger, side)
+        drive_by_sliders(shown, "influence", -1, {f"{finger}.ik": 1.0}, armature)
 
 
 def has_fingertip_targets(armature: bpy.types.Object) -> bool:
@@ -51,6 +63,12 @@ def move_targets_to_fingertips(context: bpy.types.Context, hand: RiggedHand, fin
     """Move the fingers' targets to where the bones alone have the fingertips, and set the sliders to IK."""
     fingers = tuple(fingers)
     _set_sliders(context, hand, fingers, 0.0)
+    put_targets_at_fingertips(context, hand, fingers)
+    _set_sliders(context, hand, fingers, 1.0)
+
+
+def put_targets_at_fingertips(context: bpy.types.Context, hand: RiggedHand, fingers: Iterable[str]) -> None:
+    """Move the targets of fingers whose IK is off to where the fingertips are; those that are there are left alone."""
     evaluated = hand.evaluated(context.evaluated_depsgraph_get())
     root = evaluated.armature.pose.bones[root_name(hand.side)]
     root_offset = np.array(root.head - root.bone.head_local)
@@ -58,8 +76,9 @@ def move_targets_to_fingertips(context: bpy.types.Context, hand: RiggedHand, fin
         target = hand.target(finger)
         tip = np.array(evaluated.bone(finger_joints(finger)[-1]).tail)
         frame = np.array(target.bone.matrix_local.to_3x3())
-        target.location = (tip - root_offset - np.array(target.bone.head_local)) @ frame
-    _set_sliders(context, hand, fingers, 1.0)
+        location = (tip - root_offset - np.array(target.bone.head_local)) @ frame
+        if np.abs(location - target.location).max() > _SAME_PLACE_M:
+            target.location = location
 
 
 def move_bones_to_ik(context: bpy.types.Context, hand: RiggedHand, fingers: Iterable[str]) -> None:

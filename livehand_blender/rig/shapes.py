@@ -8,7 +8,15 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...backend.hand.bones import FINGERS, bone_name, finger_joints, forearm_name, master_name, target_name
+from ...backend.hand.bones import (
+    FINGERS,
+    bone_name,
+    finger_joints,
+    forearm_name,
+    master_name,
+    shown_target_name,
+    target_name,
+)
 from ...backend.records.side import Side
 
 _COLLECTION = "LiveHand Bone Shapes"
@@ -38,7 +46,9 @@ def set_bone_shapes(armature: bpy.types.Object, side: Side) -> None:
             bone = armature.pose.bones[bone_name(joint, side)]
             _set_shape(bone, ring, radius_m, _BONE_RGB)
             bone.custom_shape_translation = (0, bone.bone.length / 2, 0)
-        _set_shape(armature.pose.bones[target_name(finger, side)], diamond, _DIAMOND_RADIUS_M, _TARGET_RGB)
+        target = armature.pose.bones[target_name(finger, side)]
+        _set_shape(target, diamond, _DIAMOND_RADIUS_M, _TARGET_RGB)
+        target.custom_shape_transform = armature.pose.bones[shown_target_name(finger, side)]
         master = armature.pose.bones[master_name(finger, side)]
         _set_shape(master, diamond, _DIAMOND_RADIUS_M, _MASTER_RGB)
         # Over the back of the finger, and the end of a lever: it moves when the master turns.

@@ -1,6 +1,6 @@
 """A fingertip target that is grabbed takes its finger along: while it is moved with IK off, IK is turned on.
 
-A cancelled move turns it off again.
+A cancelled move turns it off again. With IK off, a target is drawn at its fingertip, and put there when it is selected.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...backend.hand.bones import FINGERS
-from ..rig.fingertips import has_fingertip_targets
+from ..rig.fingertips import has_fingertip_targets, put_targets_at_fingertips
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.keyframes import key_finger
 from ..rig.sliders import read_slider, write_slider
@@ -30,13 +30,22 @@ class Grabbed(NamedTuple):
 
 def grab_targets(hand: RiggedHand, selected: Iterable[str]) -> list[Grabbed]:
     """Turn IK on for the fingers whose targets are among the selected bones and whose IK is off."""
-    selected, grabbed = set(selected), []
-    for finger in FINGERS:
-        slider = f"{finger}.ik"
-        if hand.target(finger).name in selected and read_slider(hand.armature, slider) == 0:
-            grabbed.append(Grabbed(hand.armature.name, finger))
-            write_slider(hand.armature, slider, 1.0)
-    return grabbed
+    fingers = _without_ik(hand, selected)
+    for finger in fingers:
+        write_slider(hand.armature, f"{finger}.ik", 1.0)
+    return [Grabbed(hand.armature.name, finger) for finger in fingers]
+
+
+def fetch_targets(context: bpy.types.Context, hand: RiggedHand, selected: Iterable[str]) -> None:
+    """Put the targets that are among the selected bones where they are drawn, if their fingers' IK is off."""
+    put_targets_at_fingertips(context, hand, _without_ik(hand, selected))
+
+
+def _without_ik(hand: RiggedHand, selected: Iterable[str]) -> list[str]:
+    """List the fingers whose targets are among the selected bones and whose IK is off."""
+    targets = {hand.target(finger).name: finger for finger in FINGERS}
+    fingers = [targets[name] for name in selected if name in targets]
+    return [finger for finger in fingers if read_slider(hand.armature, f"{finger}.ik") == 0]
 
 
 def release_targets(grabbed: Iterable[Grabbed], is_cancelled: bool) -> None:
@@ -61,10 +70,12 @@ class _Move:
 
 @persistent
 def _look(*_) -> None:
-    """Look for a new move after each change of the file."""
-    armature = active_hand(bpy.context) if not _Move.grabbed and _is_transforming() else None
+    """Look for a new move, or a newly selected target, after each change of the file."""
+    armature = active_hand(bpy.context) if not _Move.grabbed else None
     if armature is not None and armature.mode == "POSE" and has_fingertip_targets(armature):
         bones = [bone.name for bone in bpy.context.selected_pose_bones or ()]
+        if not _is_transforming():
+            return fetch_targets(bpy.context, RiggedHand.of(armature), bones)
         _Move.grabbed, _Move.last_operation = grab_targets(RiggedHand.of(armature), bones), _last_operation()
         if _Move.grabbed:
             bpy.app.timers.register(_wait, first_interval=_INTERVAL_S)

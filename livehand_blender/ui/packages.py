@@ -13,7 +13,7 @@ from ...backend.system.package_install import PackageInstall, PipJob, download_m
 from ...backend.system.packages import CAMERA, PICTURES, Requirement, missing_of, missing_requirements
 from ...backend.system.shells import Shell, command_line, shells_of
 from ...backend.tracking.weights import PACKAGE, has_networks, keep_networks
-from ..render.engine import prepare_soon
+from ..render.engine import prepare_now
 from ..render.package_folder import packages_folder, use_packages
 from ..scene.settings import ENGINE
 from .mixins import Tab
@@ -158,8 +158,7 @@ class LIVEHAND_OT_install_packages(RunsPip, bpy.types.Operator):
         outcome = super()._finish()
         use_packages()
         if outcome == {"FINISHED"}:
-            _restart_rendered_views()
-            prepare_soon()
+            _begin_to_render()
         return outcome
 
 
@@ -262,15 +261,23 @@ def missing_for(purpose: str) -> tuple[Requirement, ...]:
 
 def draw_packages(layout: bpy.types.UILayout, context: bpy.types.Context, purpose: str = "RENDER") -> None:
     """Draw how to install what is missing for a purpose; draws nothing if nothing is missing or downloaded."""
-    if draw_progress(layout):
-        return
-    missing = missing_for(purpose)
-    if missing:
+    if not draw_progress(layout) and missing_for(purpose):
         column = layout.column(align=True)
         column.label(text="Python packages missing", icon="INFO")
         _draw_online(column)
-        text = f"Install Packages ({download_mb(missing, package_index(context)):,} MB)"
-        column.operator("livehand.install_packages", text=text, icon="IMPORT").purpose = purpose
+        _draw_install(column, context, purpose, "Install Packages")
+
+
+def draw_offer(layout: bpy.types.UILayout, context: bpy.types.Context, purpose: str, title: str) -> None:
+    """Draw, as one button with a title, what installs the packages of a purpose that few need; or the progress."""
+    if not draw_progress(layout):
+        _draw_install(layout, context, purpose, title)
+
+
+def _draw_install(layout: bpy.types.UILayout, context: bpy.types.Context, purpose: str, title: str) -> None:
+    megabytes = download_mb(missing_for(purpose), package_index(context))
+    text = f"{title} ({megabytes:,} MB)"
+    layout.operator("livehand.install_packages", text=text, icon="IMPORT").purpose = purpose
 
 
 def draw_tracker(layout: bpy.types.UILayout) -> None:
@@ -295,8 +302,8 @@ def draw_progress(layout: bpy.types.UILayout) -> bool:
 
 
 def add_to_header() -> None:
-    """Show the button in the header of a view in Rendered shading, too."""
-    bpy.types.VIEW3D_HT_header.append(_draw_header)
+    """Show the button in the header of a view in Rendered shading, too: at its left end, as its right is cut off."""
+    bpy.types.VIEW3D_HT_header.prepend(_draw_header)
 
 
 def remove_from_header() -> None:
@@ -306,7 +313,9 @@ def remove_from_header() -> None:
 
 def _draw_header(header: bpy.types.Header, context: bpy.types.Context) -> None:
     if context.scene.render.engine == ENGINE and context.space_data.shading.type == "RENDERED":
-        draw_packages(header.layout.row(), context)
+        row = header.layout.row()
+        if not draw_progress(row) and missing_for("RENDER"):
+            _draw_install(row, context, "RENDER", "Install Packages")
 
 
 def _draw_online(layout: bpy.types.UILayout) -> None:
@@ -330,6 +339,11 @@ def _redraw(context: bpy.types.Context) -> None:
         for area in window.screen.areas:
             if area.type in ("VIEW_3D", "PREFERENCES"):
                 area.tag_redraw()
+
+
+def _begin_to_render() -> None:
+    prepare_now()
+    _restart_rendered_views()
 
 
 def _restart_rendered_views() -> None:

@@ -22,7 +22,7 @@ from ..render.hand_source import hand_source, set_avatar
 from ..rig.hand import active_hand
 from .jobs import RunsJob
 from .mixins import NeedsTracker
-from .packages import draw_packages
+from .packages import draw_offer
 from .preferences import library_folder
 
 _SIDES = (
@@ -231,13 +231,12 @@ class LIVEHAND_OT_new_person(RunsJob, bpy.types.Operator):
 
 
 def draw_person(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the buttons, or how to install what pictures need."""
+    """Draw the buttons, or one that installs what pictures need: nothing is wrong where few want it."""
     row = layout.row(align=True)
     row.operator("livehand.new_person", icon="ADD")
     row.operator("livehand.adjust_person", icon="MODIFIER")
     if missing_of(PICTURES):
-        layout.label(text="From Film or Photographs:")
-        draw_packages(layout, context, "PICTURES")
+        draw_offer(layout, context, "PICTURES", "Film or Photographs")  # and their size: a narrow tab has no more room
     else:
         layout.operator("livehand.person_from_pictures", text="From Film or Photographs", icon="FILE_MOVIE")
 

@@ -1,6 +1,7 @@
 """The example scenes: their scripts make the same files, and the hands are visible and occluded as intended."""
 
 import runpy
+import tomllib
 from pathlib import Path
 
 import bpy
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
+from livehand.tools.assets_lock import LIMIT_BYTES
 
 TIPS = {3: "Index", 6: "Middle", 9: "Pinky", 12: "Ring", 15: "Thumb"}
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -45,6 +47,19 @@ def test_the_file_is_what_its_script_makes(name):
     assert saved.keys() == made.keys()
     for key, values in saved.items():
         np.testing.assert_allclose(made[key], values, atol=1e-6, err_msg=key)
+
+
+@pytest.mark.parametrize("name", ["grasp", "clasp", "edited", "follow", "egg", "wave"])
+def test_it_opens_as_a_finished_shot_and_is_not_newer_than_any_blender_that_runs_livehand(name):
+    scene = open_example(name)
+    oldest = tomllib.loads((EXAMPLES.parent / "blender_manifest.toml").read_text())["blender_version_min"]
+    assert ".".join(map(str, bpy.data.version[:2])) == oldest.rpartition(".")[0]
+    assert (EXAMPLES / f"{name}.blend").stat().st_size <= LIMIT_BYTES
+    assert scene.camera is not None
+    areas = [area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"]
+    assert areas
+    for space in (area.spaces.active for area in areas):
+        assert space.region_3d.view_perspective == "CAMERA"  # Blender opens every file in solid shading
 
 
 def test_the_pads_of_the_digits_hold_the_egg():

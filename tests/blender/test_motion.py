@@ -1,6 +1,7 @@
 """Motions onto hands and back: values at frames, spaces, sides, rates; and that a failure changes nothing."""
 
 import time
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -336,6 +337,34 @@ def test_the_file_browser_shows_the_detected_format(tmp_path):
     drawn = {name for name in drawn_by_name["gone.npz"] if name.islower()}
     assert drawn <= declared
     assert declared - drawn == {"rna_type", "filepath", "directory", "files", "filter_glob"}
+
+
+def test_the_file_browser_opens_beside_the_blend_proposes_no_file_and_shows_four_settings(tmp_path):
+    """Blender itself would propose `shot.blend`; a directory that is set has no file."""
+    operator = LIVEHAND_OT_import_motion
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+
+    class Closed(Layout):
+        def panel(self, name, default_closed):
+            return self, None
+
+    class Browser:
+        invoke, draw, _detected, _paths = operator.invoke, operator.draw, operator._detected, operator._paths
+        draw_settings, files, filepath = operator.draw_settings, (), ""
+
+        def __init__(self, directory):
+            self.directory, self.layout = directory, Closed([])
+
+        def invoke_popup(self, context):
+            return {"RUNNING_MODAL"}
+
+    fresh, dropped = Browser(""), Browser("/dropped/from/")
+    for browser in (fresh, dropped):
+        assert browser.invoke(bpy.context, None) == {"RUNNING_MODAL"}
+    assert Path(fresh.directory) == tmp_path
+    assert dropped.directory == "/dropped/from/"
+    fresh.draw(bpy.context)
+    assert fresh.layout.drawn == ["Choose a file", "start_frame", "match_fps", "mirror", "Advanced"]
 
 
 def test_dropped_files_start_the_import():

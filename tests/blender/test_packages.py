@@ -118,7 +118,12 @@ def test_a_rendered_view_has_the_button_in_its_header(fake, online, engine, shad
     )
     drawn = []
     packages._draw_header(SimpleNamespace(layout=Layout(drawn)), context)
-    assert drawn.count("livehand.install_packages") == is_shown
+    assert drawn == ["livehand.install_packages", "RENDER"][: 2 * is_shown]
+
+
+def test_the_headers_button_is_at_its_left_end():
+    """What is right of Blender's own is cut off in a usual window."""
+    assert bpy.types.VIEW3D_HT_header.draw._draw_funcs[0] is packages._draw_header
 
 
 def test_offline_blenders_own_button_stands_before_it_and_nothing_starts(fake, monkeypatch):
@@ -238,6 +243,15 @@ def test_the_copied_line_installs_the_missing_packages(fake, monkeypatch):
     monkeypatch.setattr(dependencies, "REQUIREMENTS", ())
     with pytest.raises(RuntimeError, match="No package is missing"):
         bpy.ops.livehand.copy_install_command()
+
+
+def test_after_an_install_the_kernels_are_prepared_before_a_view_begins_to_render(monkeypatch):
+    """A view that begins first compiles the same kernels in Blender's own process."""
+    calls = []
+    monkeypatch.setattr(packages, "prepare_now", lambda: calls.append("prepare"))
+    monkeypatch.setattr(packages, "_restart_rendered_views", lambda: calls.append("render"))
+    packages._begin_to_render()
+    assert calls == ["prepare", "render"]
 
 
 def test_a_release_names_the_index_of_its_packages(tmp_path, monkeypatch):

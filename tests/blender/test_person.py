@@ -9,9 +9,11 @@ import pytest
 from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.person.command import start_person
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.system.packages import Requirement
 from livehand.livehand_blender.render.hand_source import hand_source
 from livehand.livehand_blender.rig.hand import active_hand
-from livehand.livehand_blender.ui import mixins, person
+from livehand.livehand_blender.ui import mixins, packages, person
+from livehand.tests.blender.test_panels import Layout, clipped
 
 
 class FakeJob(SimpleNamespace):
@@ -90,6 +92,18 @@ def test_an_error_changes_nothing(ends_with, tmp_path):
         make(filepath="//film.mp4")
     assert hand_source(active_hand(bpy.context)).avatar_path == before
     assert not list(tmp_path.glob("*.safetensors"))
+
+
+def test_where_its_packages_are_missing_one_button_offers_them_without_a_warning(hand_scene, monkeypatch):
+    missing = (Requirement("livehand_missing_package", "livehand-missing-package>=1", 12),)
+    monkeypatch.setattr(person, "missing_of", lambda requirements: missing)
+    monkeypatch.setattr(packages, "missing_of", lambda requirements: missing)
+    monkeypatch.setattr(packages.RunningTask, "now", None)
+    layout = Layout([])
+    person.draw_person(layout, bpy.context)
+    assert layout.drawn == ["livehand.install_packages", "PICTURES"]
+    assert layout.parts == [("Film or Photographs (12 MB)", True)]
+    assert list(clipped(layout)) == []
 
 
 def test_the_process_reports_the_commands_error(tmp_path):

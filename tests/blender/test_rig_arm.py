@@ -218,7 +218,7 @@ def test_a_lost_forearm_is_named(armed_hand, armed_model):
 
 def test_a_hand_without_an_arm_has_no_forearm_and_ignores_that_of_a_pose(model, arm_pose, evaluated_vertices):
     hand = add_hand(bpy.context, load_hand_model(TEMPLATE).for_side(model.side), str(TEMPLATE))
-    assert len(hand.data.bones) == 1 + 2 * 16 + 15 + 5 + 5
+    assert len(hand.data.bones) == 1 + 2 * 16 + 15 + 5 + 5 + 5
     rigged, pose = RiggedHand.of(hand), arm_pose(5, model.side)
     assert rigged.forearm is None
     write_hand_pose(rigged, replace(pose, forearm=np.zeros(3)))

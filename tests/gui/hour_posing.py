@@ -2,15 +2,14 @@
 
 import bpy
 import numpy as np
-from hour_hands import hand_of
+from hour_hands import hand_of, knuckle_of
 from stage import module, picture, view_area
-from user import click, drag, over_view, place_of, press, region_of, write
+from user import click, drag, over_view, place_of, press, press_button, region_of, scroll_to_top, write
 
 SLOT_PX = 77.4  # distance between previews in the asset shelf
 FIRST_SLOT = (36, 40)
-# Positions of buttons in the LiveHand tab, relative to the corner of its region.
-AVATAR, ADD_LIBRARY = (160, 95), (130, 340)
-DEEP = (268, 244)  # in the pop-up of the button Avatar
+# From the sidebar's corner: a pop-up's button, which Blender does not name, and what is in it.
+AVATAR, DEEP = (160, 224), (268, 373)
 WAVE = ((1, -15), (13, 30), (25, -30), (37, 30), (48, -30))  # frame, and rotation of the wrist in degrees
 
 
@@ -22,8 +21,7 @@ def open_the_shelf(report):
     report.check(bpy.context.mode == "POSE", "not in pose mode")
     yield from show_tab()
     picture("05_tab", "660x692+398+28")
-    x, y, *_ = region_of("UI")
-    yield from click(x + ADD_LIBRARY[0], y + ADD_LIBRARY[1])
+    yield from press_button("livehand.add_pose_library")
     yield 4  # the shelf loads its previews
     libraries = [library.name for library in bpy.context.preferences.filepaths.asset_libraries]
     report.check("LiveHand" in libraries, "Add Pose Library has added none")
@@ -51,10 +49,12 @@ def pose_the_hands(report):
 
 def choose_an_avatar(report):
     """Choose another skin for the right hand by its thumbnail."""
+    yield lambda: module("livehand_blender.render.engine").LiveHandRender.preparation.progress is None
+    yield from scroll_to_top()
     x, y, *_ = region_of("UI")
     yield from click(x + AVATAR[0], y + AVATAR[1])
     yield 1
-    picture("06_avatar", "560x400+640+28")
+    picture("06_avatar", "560x560+640+28")
     yield from click(x + DEEP[0], y + DEEP[1])
     yield from over_view()
     yield 1
@@ -110,8 +110,7 @@ def key_a_wave(report):
 def select(side):
     """Click on the hand in object mode."""
     hand = hand_of(side)
-    wrist = hand.matrix_world @ hand.pose.bones[f"middle1.{side[0].upper()}"].head
-    yield from click(*place_of(wrist))
+    yield from click(*knuckle_of(side))
     if bpy.context.view_layer.objects.active != hand:
         raise RuntimeError(f"a click did not select {hand.name}")
 

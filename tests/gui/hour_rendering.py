@@ -6,15 +6,15 @@ import time
 
 import bpy
 import numpy as np
+from hour_hands import frame_both
 from hour_motion import area_with, geometry_of
-from stage import OUT, picture, screenshot, skin, view_area, view_of
-from user import choose, click, over_view, press, region_of
+from hour_posing import select
+from stage import OUT, picture, screenshot, skin, view_area, view_of, watch_images
+from user import choose, find_button, over_view, press, press_button, region_of
 
 FILM_FRAMES = 48
-AVATAR_S = 80  # the first use compiles kernels
 MIN_COVERAGE = 0.03  # of each half of a frame by a hand
-# From the corner of the tab; the second once the first is gone, and the tab says that the hands are dark.
-RENDER_BUTTON, STUDIO_BUTTON = (130, 74), (130, 299)
+PANEL_PX, TABS_PX = (44, 122), 34  # of the panel Render: above and below its first button; right of it
 
 
 def aim_the_camera(report):
@@ -24,8 +24,9 @@ def aim_the_camera(report):
     view = view_area().spaces.active.region_3d
     yield from press("KP_5")
     report.check(view.view_perspective == "PERSP", f"Numpad 5 gives {view.view_perspective}")
-    yield from press("Home")
-    yield from press("KP_Subtract", times=3)
+    yield from select("left")
+    yield from frame_both()
+    yield from press("KP_Subtract", times=5)
     yield from choose("shift+a", "camera")
     report.check(scene.camera is not None, "the added camera is not the scene's")
     yield from over_view()
@@ -38,23 +39,19 @@ def aim_the_camera(report):
 def see_it_rendered(report):
     """*Render with LiveHand* in the tab, then Rendered shading."""
     scene = bpy.context.scene
-    x, y, *_ = region_of("UI")
-    yield from click(x + 30, y + 14)  # collapses Hand, so that Render is visible
-    yield 0.5
-    picture("14_render_panel", "330x400+740+50")
-    yield from click(x + RENDER_BUTTON[0], y + RENDER_BUTTON[1])
+    _, y = yield from find_button("livehand.set_engine")
+    left, _, width, _ = region_of("UI")
+    picture("14_render_panel", f"{width - TABS_PX}x{sum(PANEL_PX)}+{left}+{y - PANEL_PX[0]}")
+    yield from press_button("livehand.set_engine")
     report.check(scene.render.engine == "LIVEHAND", "Render with LiveHand was not pressed")
-    yield 0.5
-    yield from click(x + STUDIO_BUTTON[0], y + STUDIO_BUTTON[1])
-    yield 0.5
-    picture("14_studio", "330x400+740+50")
-    lamps = [thing for thing in scene.objects if thing.type == "LIGHT"]
-    report.check(len(lamps) == 3, f"Studio Lights was not pressed: {len(lamps)} lamps")
+    lights = [thing for thing in scene.objects if thing.type == "LIGHT"]
+    report.check(len(lights) == 3, f"the first hand did not bring Studio Lights: {len(lights)} lights")
     scene.render.resolution_percentage = 50
     scene.frame_end = FILM_FRAMES
     scene.frame_set(30)
     yield from over_view()
     yield from press("n")
+    shown = watch_images()
     yield from press("z")
     yield from press("8")
     shading = view_area().spaces.active.shading
@@ -62,13 +59,11 @@ def see_it_rendered(report):
     yield from over_view()
     yield from press("alt+shift+z")
     began = time.perf_counter()
-    for _ in range(AVATAR_S // 5):
-        yield 5
-        if is_there := both_halves(skin(camera_frame_of(screenshot("rendered")))):
-            break
+    yield lambda: shown  # until then Cycles shows the meshes
     report.figures["both_hands_in_rendered_shading_s"] = round(time.perf_counter() - began)
+    yield 15  # until it is refined
+    is_there = both_halves(skin(camera_frame_of(screenshot("rendered"))))
     report.check(is_there, "both hands are not visible in Rendered shading")
-    yield 8  # until it is refined
     picture("15_rendered", "1056x692+0+28")
 
 

@@ -1,9 +1,10 @@
 """LiveHand in a real Blender window: `python3 tests/gui/run.py [--blender PROGRAM] [--out DIR] [STORY ...]`.
 
-Builds the extension's zip, installs it into a user folder of its own (kept in DIR from run to run), installs the Python
-packages that are missing by the command that the preferences offer, and starts Blender in a virtual X screen once for
-each story, a script beside this one that drives it. Needs Blender with torch in its Python, Xvfb, xdotool and
-ImageMagick; Tk and tkdnd to drop a file on the window.
+With `--zip ZIP` it plays what a new user does with a release's zip, in an empty user folder. Otherwise it builds the
+extension's zip, installs it into a user folder of its own (kept in DIR from run to run), installs the Python packages
+that are missing by the command that the preferences offer, and starts Blender in a virtual X screen once for each
+story, a script beside this one that drives it. Needs Blender, with torch in its Python if the zip has none, Xvfb,
+xdotool and ImageMagick; Tk and tkdnd to drop a file on the window.
 """
 
 import argparse
@@ -13,10 +14,12 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 STORIES = ("viewport", "first_hour", "toggle")
+OF_A_NEW_USER = "first_picture"
 SCREEN = (1280, 800)
 BLENDER_SECONDS = 1500
 
@@ -35,24 +38,37 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--blender", default="blender", help="the program (default: the one on the path)")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "gui", help="zip, user folder; DIR/STORY: pictures")
+    parser.add_argument("--zip", type=Path, help=f"play {OF_A_NEW_USER} with this zip, and nothing else")
     parser.add_argument("stories", nargs="*", metavar="STORY", help=f"which of {', '.join(STORIES)} (default: all)")
     args = parser.parse_args()
     out = args.out.resolve()
-    (out / "user").mkdir(parents=True, exist_ok=True)
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(out / "user"), "LIBGL_ALWAYS_SOFTWARE": "1"}
-    install_extension(args.blender, out, environment)
-    install_packages(args.blender, environment)
-    failures = [failure for story in args.stories or STORIES for failure in play(story, args.blender, out, environment)]
+    if args.zip:
+        failures = play_new_user(args.zip.resolve(), args.blender, out, environment)
+    else:
+        (out / "user").mkdir(parents=True, exist_ok=True)
+        install_extension(args.blender, out, environment)
+        install_packages(args.blender, environment)
+        stories = args.stories or STORIES
+        failures = [failure for story in stories for failure in play(story, args.blender, out, environment)]
     return say("failed: " + "; ".join(failures)) if failures else 0
 
 
-def play(story: str, blender: str, out: Path, environment: dict[str, str]) -> list[str]:
+def play_new_user(zip_path: Path, blender: str, out: Path, environment: dict[str, str]) -> list[str]:
+    """Play what a new user does with a zip, whose settings, add-ons and caches are empty; returns the failures."""
+    with tempfile.TemporaryDirectory() as folder:
+        here = {"BLENDER_USER_RESOURCES": f"{folder}/user", "XDG_CACHE_HOME": f"{folder}/cache"}
+        Path(folder, "user").mkdir()
+        return play(OF_A_NEW_USER, blender, out, environment | here, str(zip_path))
+
+
+def play(story: str, blender: str, out: Path, environment: dict[str, str], *arguments: str) -> list[str]:
     """Run one story and print its report; returns its failures."""
     folder = out / story
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     geometry = ["--window-geometry", "0", "0", *map(str, SCREEN)]
-    script = ["--python", str(Path(__file__).with_name(f"{story}.py")), "--", str(folder)]
+    script = ["--python", str(Path(__file__).with_name(f"{story}.py")), "--", str(folder), *arguments]
     with virtual_screen() as display:
         here = environment | {"DISPLAY": display}
         try:

@@ -4,6 +4,7 @@ A story is a generator. Each `yield` returns to Blender's event loop: with a num
 function, until it returns true.
 """
 
+import faulthandler
 import importlib
 import json
 import subprocess
@@ -18,7 +19,7 @@ import numpy as np
 OUT = Path(sys.argv[sys.argv.index("--") + 1])
 PACKAGE = "bl_ext.user_default.livehand"
 TICK_S = 0.005
-PATIENCE_S = 300  # the first picture compiles kernels, on a machine that may be busy
+PATIENCE_S = 600  # the first picture compiles kernels, on a machine that may be busy
 
 
 class Report:
@@ -37,11 +38,11 @@ def view_area():
     return next(area for area in bpy.context.window_manager.windows[0].screen.areas if area.type == "VIEW_3D")
 
 
-def in_view():
-    """Context for operators that need the 3D view."""
+def in_view(kind="WINDOW"):
+    """Context for operators that need the 3D view, or another of its regions."""
     area = view_area()
     window = bpy.context.window_manager.windows[0]
-    region = next(region for region in area.regions if region.type == "WINDOW")
+    region = next(region for region in area.regions if region.type == kind)
     return bpy.context.temp_override(window=window, area=area, region=region)
 
 
@@ -69,6 +70,19 @@ def module(name):
     return importlib.import_module(f"{PACKAGE}.{name}")
 
 
+def watch_images():
+    """The moments when images of hands reach the view, a list that grows."""
+    viewport, shown = module("livehand_blender.render.viewport"), []
+
+    class WatchedTexture(viewport.ImageTexture):
+        def __init__(self, picture):
+            super().__init__(picture)
+            shown.append(time.perf_counter())
+
+    viewport.ImageTexture = WatchedTexture
+    return shown
+
+
 def view_of(shot):
     """The part of a screenshot that the 3D view's region covers, without its toolbars."""
     region = next(region for region in view_area().regions if region.type == "WINDOW")
@@ -82,9 +96,10 @@ def skin(pixels):
     return (red > 1.15 * green) & (green > blue) & (red > 0.25)
 
 
-def run_story(steps, report, at_each_tick=lambda: None):
+def run_story(steps, report, at_each_tick=lambda: None, has_splash=False):
     """Resume the story whenever its condition is met; quit Blender at its end."""
-    bpy.context.preferences.view.show_splash = False
+    bpy.context.preferences.view.show_splash = has_splash
+    bpy.context.preferences.view.show_tooltips = False  # they would cover what the pictures show
     bpy.context.preferences.use_preferences_save = False
     state = {"condition": 2, "since": time.perf_counter()}
 
@@ -97,6 +112,7 @@ def run_story(steps, report, at_each_tick=lambda: None):
             if is_met(state["condition"]):
                 state["condition"], state["since"] = next(steps), time.perf_counter()
             elif time.perf_counter() > state["since"] + PATIENCE_S:
+                faulthandler.dump_traceback()
                 raise TimeoutError("a condition of the story was not met in time")
         except StopIteration:
             return finish()

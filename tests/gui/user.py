@@ -8,12 +8,14 @@ import subprocess
 
 import bpy
 from bpy_extras.view3d_utils import location_3d_to_region_2d
-from stage import view_area
+from stage import in_view, view_area
 
 # A busy machine answers late.
 _SLOWNESS = min(max(os.getloadavg()[0] / (os.cpu_count() or 1), 1), 4)
 PAUSE_S = 0.5 * _SLOWNESS
 TYPING_MS = "60"
+BUTTON_PX = 20
+SWEEPS = 4  # of the sidebar, scrolled in between
 
 
 def xdotool(*words):
@@ -30,12 +32,50 @@ def move(x, y):
     yield 0.3 * _SLOWNESS
 
 
-def click(x, y, button=1):
+def click(x, y, button=1, modifier=None):
     yield from move(x, y)
-    yield from xdotool("mousedown", button)
+    yield from xdotool(*(["keydown", modifier] if modifier else []), "mousedown", button)
     yield 0.1
-    yield from xdotool("mouseup", button)
+    yield from xdotool("mouseup", button, *(["keyup", modifier] if modifier else []))
     yield PAUSE_S
+
+
+def press_button(operator):
+    """Click the sidebar's button that runs an operator, as `livehand.add_studio`."""
+    place = yield from find_button(operator)
+    yield from click(*place)
+
+
+def find_button(operator):
+    """Move the mouse down the sidebar until the button under it runs an operator; returns the button's place."""
+    left, top, width, height = region_of("UI")
+    yield from scroll_to_top()
+    step = BUTTON_PX // 2
+    for _ in range(SWEEPS):
+        for y in range(top + step, top + height, step):
+            yield from xdotool("mousemove", left + width // 2, y)
+            yield 0.04 * _SLOWNESS
+            if f"bpy.ops.{operator}(" in call_under_the_mouse():
+                return left + width // 2, y
+        yield from xdotool("click", "--repeat", 8, "--delay", 40, 5)
+        yield PAUSE_S
+    raise RuntimeError(f"no button of the sidebar runs {operator}")
+
+
+def scroll_to_top():
+    left, top, width, height = region_of("UI")
+    yield from move(left + width // 2, top + height // 2)
+    yield from press("Home")
+
+
+def call_under_the_mouse():
+    """What the sidebar's button under the mouse runs, as Python; empty: nothing."""
+    manager = bpy.context.window_manager
+    manager.clipboard = ""
+    with in_view("UI"):
+        if bpy.ops.ui.copy_python_command_button.poll():
+            bpy.ops.ui.copy_python_command_button()
+    return manager.clipboard
 
 
 def drag(*points, hold=lambda: None):
