@@ -20,8 +20,9 @@ from ..records.errors import LiveHandError
 from ..records.hand_picture import HandPicture, PicturedHand
 from ..surface.albedo_ratio import ratio_steps
 from ..surface.atlas_texels import AtlasTexels
+from .agreement import GatheredRatio
 from .completion import CompletedRatio, completed_ratio
-from .gathering import GatheredRatio, gathered_ratio
+from .gathering import gathered_ratio
 from .illumination import Illumination, LitPixels, fitted_light, lit_pixels
 from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lamp_search import with_lamp
