@@ -44,8 +44,9 @@ def test_a_clipped_channel_that_others_measure_does_not_count():
 
 
 def test_a_bound_above_what_was_guessed_counts():
-    found = agreed([sighting(TRUE + (0.2, 0, 0), bounds(0))], guess=TRUE)
-    assert found.mean[0] == pytest.approx(TRUE + (0.2, 0, 0), abs=1e-3)
+    brighter = TRUE + np.float32([0.2, 0, 0])
+    found = agreed([sighting(brighter, bounds(0))], guess=TRUE)
+    assert found.mean[0] == pytest.approx(brighter, abs=1e-3)
 
 
 def test_a_channel_clipped_everywhere_is_as_far_from_the_guess_as_the_others():
