@@ -53,7 +53,7 @@ def with_forearms(
     straight = parameters._replace(forearm=torch.zeros_like(parameters.forearm))
     shown = hands.show(straight)
     rows = [row for row in range(len(views)) if row not in held_out]
-    looks = [_SkinLook.of(shown.all_vertices.double().numpy(), hands, views[row], cameras[row]) for row in rows]
+    looks = [_Likeness.of(shown.all_vertices.double().numpy(), hands, views[row], cameras[row]) for row in rows]
     found = [
         _best_forearm(
             _Forearm(
@@ -69,14 +69,14 @@ def with_forearms(
 
 
 @dataclass(frozen=True)
-class _SkinLook:
+class _Likeness:
     """How much each pixel of a view looks like skin, -0.5 to 0.5; 0 where a hand is."""
 
     skin: Float[np.ndarray, "H W"]
     camera: Camera
 
     @classmethod
-    def of(cls, vertices: np.ndarray, hands: RigHands, view: RigView, camera: Camera) -> _SkinLook:
+    def of(cls, vertices: np.ndarray, hands: RigHands, view: RigView, camera: Camera) -> _Likeness:
         is_hand = covered_pixels(vertices, hands.faces[~hands.arm_faces], camera).face != NONE
         depth_m = float(np.median(camera.project(vertices)[1]))
         mesh = np.where(is_hand, RIGHT, FREE).astype(np.uint8)
@@ -103,7 +103,7 @@ class _Forearm(NamedTuple):
         return self.wrist + (self.points - self.wrist) @ turns.swapaxes(1, 2)
 
 
-def _best_forearm(forearm: _Forearm, looks: Sequence[_SkinLook]) -> np.ndarray:
+def _best_forearm(forearm: _Forearm, looks: Sequence[_Likeness]) -> np.ndarray:
     bends, sides = (np.arange(-most, most + 1e-6, _STEP_RAD) for most in (_BENT_RAD, _SIDEWAYS_RAD))
     tried = np.array([(0.0, side, bend) for side in sides for bend in bends])
     best = np.zeros(3)
@@ -116,7 +116,7 @@ def _best_forearm(forearm: _Forearm, looks: Sequence[_SkinLook]) -> np.ndarray:
     return best
 
 
-def _scores(tried: Float[np.ndarray, "N 3"], forearm: _Forearm, looks: Sequence[_SkinLook]) -> Float[np.ndarray, " N"]:
+def _scores(tried: Float[np.ndarray, "N 3"], forearm: _Forearm, looks: Sequence[_Likeness]) -> Float[np.ndarray, " N"]:
     """Compute how well each turn lies on skin, all views together."""
     points = forearm.turned(tried)
     return np.mean([look.at(points).mean(1) for look in looks], 0) - _STRAIGHT * (tried**2).sum(1)

@@ -53,7 +53,7 @@ def fitted_to_skin(model: PersonModel, hand: PicturedHand, lights: Mapping[int, 
             _outlines(pictures),
             _no_landmarks(),
             held_out,
-            _SkinTargets(model, pictures, lights, hands),
+            _FlowTargets(model, pictures, lights, hands),
             torch.as_tensor(model.offset_m, dtype=torch.float32)[None],
         )
     pose, turns = hands.poses(found.fit.parameters)["right"], found.fit.turns.double().numpy()
@@ -65,7 +65,7 @@ def fitted_to_skin(model: PersonModel, hand: PicturedHand, lights: Mapping[int, 
 
 
 @dataclass(frozen=True)
-class _SkinTargets:
+class _FlowTargets:
     """Where pictures show the vertices of a hand whose skin is known; called with hands and cameras as they are."""
 
     model: PersonModel
