@@ -62,7 +62,7 @@ def write_lit_capture(
     pictures = [replace(one, pose=replace(one.pose, beta=beta)) for one in hand.pictures]
     known = PersonModel.of(person, model)
     for _ in range(_REFITS):
-        refit = refitted(known, pictures, scene_lights(known, pictures), fits_shape=False)
+        refit = refitted(known, pictures, scene_lights(known, pictures, finds_lamps=False), fits_shape=False)
         log(f"poses: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
         pictures = list(refit.pictures)
     lights = scene_lights(known, pictures)
@@ -72,8 +72,15 @@ def write_lit_capture(
     return _written(pictures, lights, Capture(output, model.sha256, facts, (), (), surface=surface))
 
 
-def scene_lights(person: PersonModel, pictures: Sequence[HandPicture]) -> dict[int, Illumination]:
+def scene_lights(
+    person: PersonModel, pictures: Sequence[HandPicture], finds_lamps: bool = True
+) -> dict[int, Illumination]:
     """Fit the light of every scene, and its colour: the person's albedo is known.
+
+    Args:
+        person: with their skin.
+        pictures: of all scenes.
+        finds_lamps: look for a lamp beside the sky in each; the fit of poses can do without.
 
     Raises:
         LiveHandError: pictures of a scene show hardly any skin.
@@ -90,7 +97,7 @@ def scene_lights(person: PersonModel, pictures: Sequence[HandPicture]) -> dict[i
                 f"{len(pixels.shown)} pixels of sure skin; leave them out"
             )
         known = PixelTones(pixels, np.zeros_like(pixels.shown), np.zeros_like(pixels.shown))
-        lit = with_lamp(person, known, 0.0).pixels
+        lit = with_lamp(person, known, 0.0).pixels if finds_lamps else pixels
         lights[scene] = Illumination.of(fitted_light(lit, np.ones_like(lit.shown)), lit.sources)
     return lights
 

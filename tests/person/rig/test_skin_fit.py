@@ -36,7 +36,7 @@ def without_edges(picture):
 
 def moved(picture, index):
     pose = replace(picture.pose, transl=picture.pose.transl + OFF_M)
-    turn = np.array([0, TURN_RAD if index == 2 else 0, 0, 0])
+    turn = np.array([0.0, TURN_RAD if index == 2 else 0.0, 0.0, 0.0])
     return replace(picture, pose=pose, camera=turned(picture.camera, turn))
 
 
@@ -57,6 +57,7 @@ def test_skin_brings_hand_and_cameras_back(spotted, sees_edges):
     off = [moved(picture, index) for index, picture in enumerate(given)]
     found = fitted_to_skin(model, replace(hand, pictures=tuple(off)), {0: light})
     before, after = (off_px(model, pictures, hand.pictures)[:-1] for pictures in (off, found.pictures))
+    print("OFF", before, after, 1000 * np.abs(found.offset_m).max())
     assert before.min() > 1
     assert after.max() < 0.5 * before.min()
     assert 1000 * np.abs(found.offset_m).max() < 1.5
