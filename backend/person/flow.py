@@ -8,6 +8,9 @@ import numpy as np
 
 from ..capture.masks.mask import load_opencv
 
+_LEAST_SHARE = 1e-3
+_CONTRAST, _FLOOR = 0.14, 0.008  # deviation from grey of what has more than the floor's
+
 
 class Flow(NamedTuple):
     """Where the pixels of one picture are in another.
@@ -39,6 +42,19 @@ def flow_between(first: np.ndarray, second: np.ndarray, smooth_px: float = 2.0, 
     rows, columns = np.mgrid[: first.shape[0], : first.shape[1]].astype(np.float32)
     return_px = cv2.remap(back, columns + there[..., 0], rows + there[..., 1], cv2.INTER_LINEAR)
     return Flow(there, np.linalg.norm(there + return_px, axis=-1))
+
+
+def local_contrast(encoded: np.ndarray, where: np.ndarray, around_px: float) -> np.ndarray:
+    """Return the fine structure [H, W] of a picture [H, W, 3] where a mask is set, in the same contrast everywhere."""
+    cv2 = load_opencv()
+
+    def around(values: np.ndarray) -> np.ndarray:
+        return cv2.GaussianBlur(values, (0, 0), around_px)
+
+    grey, mask = encoded.mean(-1).astype(np.float32), where.astype(np.float32)
+    share = np.maximum(around(mask), _LEAST_SHARE)
+    fine = (grey - around(grey * mask) / share) * mask
+    return 0.5 + _CONTRAST * fine / (np.sqrt(around(fine * fine) / share) + _FLOOR)
 
 
 def bilinear(image: np.ndarray, xy_px: np.ndarray) -> np.ndarray:

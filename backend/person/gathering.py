@@ -3,13 +3,12 @@
 Each texel's place on the posed surface is looked up in every picture that sees it, near where it is projected: at a
 place that dense flow between the picture and what the model renders corrects. Pictures that are sharper there, nearer
 and seen more from the front count more; those that contradict the others count less. What a camera clipped was at least
-as bright.
+as bright, in the channels that it clipped.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from ..capture.masks.mask import load_opencv
 from ..geometry.tolerances import NEAR_M
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..surface.atlas_texels import AtlasTexels
+from .agreement import GatheredRatio, Sighting, agreed_ratio
 from .flow import bilinear, flow_between, nearest
 from .illumination import Illumination, encoded_colours, linear_colours
 from .model import GeometryMaps, PersonModel
@@ -28,41 +28,9 @@ _STEP_M = 0.012  # of depth within a few pixels: a border of two parts
 _CLIPPED, _DARKEST = 0.98, 0.03
 _NOISE = 0.004  # linear; below it logarithms say nothing
 _FLOW_ERROR_PX = 2.0
-_OUTLIER = 0.12  # of the logarithm
 _BACKDROP = 0.1
 _FOOTPRINT_POWER = 4
 _ERODED_PX, _FAR_ERODED_PX = 3, 5
-_REWEIGHTED = 4
-_GAIN_SHRINK = 0.7  # of a picture's own exposure and white balance, which shading may feign
-_LEAST_GAIN_WEIGHT = 50.0
-
-
-@dataclass(frozen=True)
-class GatheredRatio:
-    """Logarithms of the person's albedo over the base's.
-
-    Attributes:
-        mean: [T, 3].
-        weight: [T] of all pictures; 0: no picture shows it.
-        deviation: of pictures from the mean, of the logarithm.
-        flow_px: mean length of the flow on the hand; 0 without flow.
-        log_gain: [K, 3] of each picture's exposure and white balance.
-    """
-
-    mean: np.ndarray
-    weight: np.ndarray
-    deviation: float
-    flow_px: float
-    log_gain: np.ndarray
-
-
-class _Sighting(NamedTuple):
-    """Of one picture: weight [T], logarithm of the ratio [T, 3], where it is a lower bound [T]; mean flow."""
-
-    weight: np.ndarray
-    log_ratio: np.ndarray
-    is_bound: np.ndarray
-    flow_px: float
 
 
 def gathered_ratio(
@@ -92,48 +60,7 @@ def gathered_ratio(
         known = sighting.log_ratio if ratio is None else sighting.log_ratio + ratio
         sightings.append(sighting._replace(log_ratio=known.astype(np.float16)))
         on_picture()
-    return _consensus(sightings)
-
-
-def _consensus(sightings: Sequence[_Sighting]) -> GatheredRatio:
-    """Average robustly, in turn with each picture's gain."""
-    gains = np.zeros((len(sightings), 3), np.float32)
-    weights = [sighting.weight.astype(np.float32) for sighting in sightings]
-    mean, total = _mean(sightings, weights, gains)
-    deviation = 0.0
-    for _ in range(_REWEIGHTED):
-        squares = np.zeros(2)
-        for index, sighting in enumerate(sightings):
-            off = sighting.log_ratio.astype(np.float32) - mean
-            gains[index] = _gain(off, weights[index] * ~sighting.is_bound)
-            off -= gains[index]
-            square = (off * off).mean(1)
-            is_known = ~sighting.is_bound | (off.mean(1) > 0)
-            weights[index] = sighting.weight * is_known / (1 + square / _OUTLIER**2) ** 1.5
-            squares += (weights[index] * square).sum(), weights[index].sum()
-        gains -= gains.mean(0)
-        mean, total = _mean(sightings, weights, gains)
-        deviation = float(np.sqrt(squares[0] / max(squares[1], 1e-9)))
-    flow_px = float(np.mean([sighting.flow_px for sighting in sightings]))
-    return GatheredRatio(mean, total, deviation, flow_px, gains)
-
-
-def _mean(
-    sightings: Sequence[_Sighting], weights: Sequence[np.ndarray], gains: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    total, sums = np.zeros(len(weights[0]), np.float32), np.zeros((len(weights[0]), 3), np.float32)
-    for sighting, weight, gain in zip(sightings, weights, gains, strict=True):
-        total += weight
-        sums += weight[:, None] * (sighting.log_ratio.astype(np.float32) - gain)
-    return sums / np.maximum(total, 1e-6)[:, None], total
-
-
-def _gain(off: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the logarithm [3] of a picture's gain: a share of the median of what it is brighter by."""
-    if weight.sum() < _LEAST_GAIN_WEIGHT:
-        return np.zeros(3, np.float32)
-    sure = weight > 0.3 * weight.max()
-    return _GAIN_SHRINK * np.median(off[sure], 0)
+    return agreed_ratio(sightings, np.zeros((len(texels.pixel), 3), np.float32) if ratio is None else ratio)
 
 
 def _sighting(
@@ -143,7 +70,7 @@ def _sighting(
     light: Illumination,
     with_flow: bool,
     usual_px_per_mm: float,
-) -> _Sighting:
+) -> Sighting:
     frame = model.rendered(picture.pose, picture.camera, light.light)
     seen = model.seen(picture.pose, picture.camera)
     encoded = picture.rgb.astype(np.float32) / 255
@@ -167,7 +94,7 @@ def _sighting(
     log_ratio[visible] = np.log((bilinear(shown, moved) + _NOISE) / (bilinear(rendered, px) + _NOISE))
     length = float(np.linalg.norm(flow_px[seen.is_seen], axis=1).mean()) if seen.is_seen.any() else 0.0
     is_bound[visible] = bilinear(is_clipped, moved) > 0.05
-    return _Sighting(weight, log_ratio, is_bound, length)
+    return Sighting(weight, log_ratio, is_bound, length)
 
 
 class _ProjectedTexels(NamedTuple):
@@ -217,11 +144,11 @@ def _depth_edges(seen: GeometryMaps) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _usable(encoded: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where (1) a picture surely shows the hand and not its dark, and where (1) it is clipped."""
+    """Return where (1) a picture surely shows the hand and not its dark, and where (1) [H, W, 3] it is clipped."""
     cv2 = load_opencv()
     is_hand = cv2.erode((labels == HAND).astype(np.uint8), np.ones((_FAR_ERODED_PX, _FAR_ERODED_PX)))
     usable = is_hand * (encoded.max(-1) > _DARKEST)
-    return usable.astype(np.float32), (encoded.max(-1) >= _CLIPPED).astype(np.float32)
+    return usable.astype(np.float32), (encoded >= _CLIPPED).astype(np.float32)
 
 
 def _flow(

@@ -190,32 +190,49 @@ PICTURED_HAND = StepFormat(_write_hand, _read_hand)
 
 
 class FittedRound(NamedTuple):
-    """What an early round gives: the pictures' poses, with the one shape, and the melanin that was found."""
+    """What an early round gives: the pictures' poses and cameras, the hand's own shape, and the melanin of its skin."""
 
     poses: tuple[HandPose, ...]
+    cameras: tuple[Camera, ...]
+    offset_m: np.ndarray | None
     melanin: float
 
-    def posed(self, hand: PicturedHand) -> PicturedHand:
-        """Give the pictures these poses."""
-        pairs = zip(hand.pictures, self.poses, strict=True)
-        return replace(hand, pictures=tuple(replace(picture, pose=pose) for picture, pose in pairs))
+    @classmethod
+    def of(cls, hand: PicturedHand, melanin: float) -> FittedRound:
+        """Keep what is new of a hand."""
+        poses, cameras = zip(*((picture.pose, picture.camera) for picture in hand.pictures), strict=True)
+        return cls(poses, cameras, hand.offset_m, melanin)
+
+    def fitted(self, hand: PicturedHand) -> PicturedHand:
+        """Give the pictures these poses and cameras, and the hand this shape."""
+        rows = zip(hand.pictures, self.poses, self.cameras, strict=True)
+        pictures = tuple(replace(picture, pose=pose, camera=camera) for picture, pose, camera in rows)
+        return replace(hand, pictures=pictures, offset_m=self.offset_m)
+
+
+_POSE, _CAMERA = ("theta", "beta", "transl", "forearm"), ("K", "cam2world", "size_px")
 
 
 def _write_round(found: FittedRound, path: Path) -> None:
-    names = ("theta", "beta", "transl", "forearm")
-    arrays = {name: np.stack([getattr(pose, name) for pose in found.poses]) for name in names}
+    arrays = {name: np.stack([getattr(pose, name) for pose in found.poses]) for name in _POSE}
+    arrays |= {name: np.stack([getattr(camera, name) for camera in found.cameras]) for name in _CAMERA}
+    arrays |= {} if found.offset_m is None else {"offset_m": found.offset_m}
     _write_arrays({**arrays, "melanin": np.array(found.melanin)}, path)
 
 
 def _read_round(path: Path) -> FittedRound:
     arrays = read_npz(path)
-    rows = zip(*(arrays[name] for name in ("theta", "beta", "transl", "forearm")), strict=True)
-    poses = tuple(HandPose(theta, beta, transl, "right", forearm) for theta, beta, transl, forearm in rows)
-    return FittedRound(poses, arrays["melanin"].item())
+    poses, cameras = (zip(*(arrays[name] for name in names), strict=True) for names in (_POSE, _CAMERA))
+    return FittedRound(
+        tuple(HandPose(theta, beta, transl, "right", forearm) for theta, beta, transl, forearm in poses),
+        tuple(Camera(K, cam2world, (int(width), int(height))) for K, cam2world, (width, height) in cameras),
+        arrays.get("offset_m"),
+        arrays["melanin"].item(),
+    )
 
 
 FITTED_ROUND = StepFormat(_write_round, _read_round)
-"""Poses after a round of light, skin and flow."""
+"""Poses, cameras and shape after a round of light, skin and flow."""
 
 
 def _read_filmed_take(path: Path) -> FilmedTake:

@@ -61,20 +61,29 @@ def write_lit_capture(
     pictures = [replace(one, pose=replace(one.pose, beta=beta)) for one in hand.pictures]
     known = PersonModel.of(person, model)
     for _ in range(_REFITS):
-        refit = refitted(known, pictures, _scene_lights(known, pictures, finds_lamps=False), fits_shape=False)
+        refit = refitted(known, pictures, scene_lights(known, pictures, finds_lamps=False), fits_shape=False)
         log(f"poses: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
         pictures = list(refit.pictures)
-    lights = _scene_lights(known, pictures)
+    lights = scene_lights(known, pictures)
     write_surface(output / _SURFACE, person.surface)
     surface = SurfaceReference(_SURFACE, surface_sha256(person.surface))
     facts = {"made_by": "livehand train --person", "source": hand.source, "is_mirrored": hand.side == "left"}
     return _written(pictures, lights, Capture(output, model.sha256, facts, (), (), surface=surface))
 
 
-def _scene_lights(
+def scene_lights(
     person: PersonModel, pictures: Sequence[HandPicture], finds_lamps: bool = True
 ) -> dict[int, Illumination]:
-    """Fit the light of every scene, and its colour: the person's albedo is known."""
+    """Fit the light of every scene, and its colour: the person's albedo is known.
+
+    Args:
+        person: with their skin.
+        pictures: of all scenes.
+        finds_lamps: look for a lamp beside the sky in each; the fit of poses can do without.
+
+    Raises:
+        LiveHandError: pictures of a scene show hardly any skin.
+    """
     lights = {}
     for scene, pixels in pixels_of_scenes(person, pictures).items():
         known = PixelTones(pixels, np.zeros_like(pixels.shown), np.zeros_like(pixels.shown))

@@ -4,7 +4,7 @@
 - gather (`gathering`): what pictures show of each texel
 - numbers (`numbers`): blood; strength and tint of the light
 - complete (`completion`): delighting with a prior, and what no picture shows
-- refit (`refit`): poses and shape, by the flow between render and picture, and outlines
+- refit (`refit`; `rig.skin_fit` of calibrated cameras): poses and shape, by flow from render to picture, and outlines
 """
 
 from __future__ import annotations
@@ -20,14 +20,16 @@ from ..records.errors import LiveHandError
 from ..records.hand_picture import PicturedHand
 from ..surface.albedo_ratio import ratio_steps
 from ..surface.atlas_texels import AtlasTexels
+from .agreement import GatheredRatio
 from .completion import CompletedRatio, completed_ratio
-from .gathering import GatheredRatio, gathered_ratio
+from .gathering import gathered_ratio
 from .illumination import PICTURES_OF_SCENE, Illumination, LitPixels, evenly_chosen, fitted_light, pixels_of_scenes
 from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lamp_search import with_lamp
 from .model import PersonModel
 from .numbers import PixelTones, ToneFamily, fitted_melanin
 from .refit import refitted
+from .rig.skin_fit import fitted_to_skin
 
 _REPORTED = 1e-3
 _LEAST_SEEN = 0.05
@@ -204,14 +206,17 @@ def person_of_pictures(
     Early rounds see fewer pictures on a coarser atlas: they only bring poses, light and skin near enough for the next.
     """
     if hand.is_calibrated:
-        options = replace(options, with_flow=False, fits_poses=False)
+        options = replace(options, with_flow=False)
     early = replace(options, rounds=1, finds_lamps=False, **_EARLY)
+    if not hand.is_calibrated:
+        early = replace(early, light_pictures=_EARLY_LIGHT_PICTURES)
     melanin = _FIRST_MELANIN
-    for index, refits in enumerate(_EARLY_REFITS if options.fits_poses else (0,)):
+    rounds = _CALIBRATED_REFITS if hand.is_calibrated else _EARLY_REFITS
+    for index, refits in enumerate(rounds if options.fits_poses else (0,)):
         base = shaped(bases.nearest(melanin), hand)
         round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
-        hand, melanin = fitted.posed(hand), fitted.melanin
+        hand, melanin = fitted.fitted(hand), fitted.melanin
     return made_person(shaped(bases.nearest(melanin), hand), hand, bases.family, options, log), hand
 
 
@@ -220,14 +225,18 @@ def _early_round(
 ) -> FittedRound:
     made = made_person(base, hand, family, options, log)
     for _ in range(refits):
+        if hand.is_calibrated:
+            hand = fitted_to_skin(made.model, hand, made.lights)
+            continue
         refit = refitted(made.model, hand.pictures, made.lights, length_m=options.length_m)
         log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
         hand = replace(hand, pictures=refit.pictures)
-    return FittedRound(tuple(picture.pose for picture in hand.pictures), made.completed.numbers.melanin)
+    return FittedRound.of(hand, made.completed.numbers.melanin)
 
 
-_EARLY = {"resolution": 512, "pictures": 16, "light_pictures": 4}
-_EARLY_REFITS = 2, 2
+_EARLY = {"resolution": 512, "pictures": 16}
+_EARLY_LIGHT_PICTURES = 4
+_EARLY_REFITS, _CALIBRATED_REFITS = (2, 2), (1,)
 _FIRST_MELANIN = 0.4
 
 

@@ -35,6 +35,10 @@ def picture(size_px, moment):
     return HandPicture("é 1", rgb, labels, camera, pose(), 3, 1, moment == 2, (0.1, -0.2, 1 / 3), moment)
 
 
+def a_round(melanin):
+    return FittedRound((pose(),), (picture((4, 4), None).camera,), None, melanin)
+
+
 @pytest.fixture
 def hand():
     pictures = (picture((8, 6), None), picture((5, 7), 2))
@@ -68,7 +72,8 @@ def results(hand):
     return {
         "pictures": (hand, PICTURED_HAND),
         "plain": (replace(hand, offset_m=None, notes=()), PICTURED_HAND),
-        "round": (FittedRound((pose(), pose()), 1 / 3), FITTED_ROUND),
+        "round": (FittedRound.of(hand, 1 / 3), FITTED_ROUND),
+        "shapeless": (FittedRound.of(replace(hand, offset_m=None), 1 / 3), FITTED_ROUND),
         "take": (take(), FILMED_TAKE),
     }
 
@@ -95,12 +100,12 @@ def test_other_inputs_begin_anew_and_remove_the_old(tmp_path, hand):
 
 def test_what_is_damaged_is_made_again(tmp_path, hand):
     steps = KeptSteps.beside(tmp_path / "a.safetensors", {})
-    steps.kept("round", lambda: FittedRound((pose(),), 0.5), FITTED_ROUND)
+    steps.kept("round", lambda: a_round(0.5), FITTED_ROUND)
     (path,) = steps.folder.iterdir()
     whole = path.read_bytes()
     for spoilt in (b"", whole[: len(whole) // 2], b"PK" + whole[2:100]):
         path.write_bytes(spoilt)
-        assert steps.kept("round", lambda: FittedRound((pose(),), 0.7), FITTED_ROUND).melanin == 0.7
+        assert steps.kept("round", lambda: a_round(0.7), FITTED_ROUND).melanin == 0.7
         assert steps.kept("round", must_not_run, FITTED_ROUND).melanin == 0.7
 
 
@@ -108,7 +113,7 @@ def test_nothing_is_left_in_the_end(tmp_path):
     output = tmp_path / "a.safetensors"
     for remove in (lambda steps: steps.remove(), lambda steps: remove_work(output)):
         steps = KeptSteps.beside(output, {})
-        steps.kept("round", lambda: FittedRound((pose(),), 0.5), FITTED_ROUND)
+        steps.kept("round", lambda: a_round(0.5), FITTED_ROUND)
         assert work_folder(output).is_dir()
         remove(steps)
         assert list(tmp_path.iterdir()) == []

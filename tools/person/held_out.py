@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import binary_erosion, gaussian_filter
+from scipy.ndimage import binary_erosion
 from scipy.optimize import least_squares
 
 from ...backend.capture.picture import linear_to_srgb
-from ...backend.person.flow import flow_between
+from ...backend.person.flow import flow_between, local_contrast
 from ...backend.person.illumination import Illumination
 from ...backend.person.model import PersonModel
 from ...backend.records.camera import Camera
@@ -27,7 +27,7 @@ _CLIPPED = 0.97
 _FITTED_PIXELS = 20_000
 _WHITE, _WHITE_PERCENTILE = 0.8, 99.8  # of the render before the best gain
 _SHIFTS, _SHIFT_SHARE = 2, 0.9
-_BAND_PX, _BAND_FLOOR, _BAND_CONTRAST = 10.0, 0.008, 0.14
+_BAND_PX = 10.0
 _FLOW_INNER_PX, _FLOW_ERROR_PX = 4, 1.4
 
 Distance = Callable[[np.ndarray, np.ndarray], float]
@@ -136,7 +136,9 @@ def _encoded(
 def _shifted(camera: Camera, picture: HandPicture, encoded: np.ndarray, alpha: np.ndarray) -> Camera:
     """Move the principal point by the median flow from the render to the picture."""
     both = (picture.labels == HAND) & (alpha > 0.5)
-    flow = flow_between(_band(encoded, both), _band(picture.rgb / 255.0, both), finest_level=0)
+    flow = flow_between(
+        local_contrast(encoded, both, _BAND_PX), local_contrast(picture.rgb / 255.0, both, _BAND_PX), finest_level=0
+    )
     inner = np.asarray(binary_erosion(both, np.ones((3, 3)), iterations=_FLOW_INNER_PX), bool)
     sure = inner & (flow.error_px < _FLOW_ERROR_PX)
     if not sure.any():
@@ -144,12 +146,3 @@ def _shifted(camera: Camera, picture: HandPicture, encoded: np.ndarray, alpha: n
     K = camera.K.copy()
     K[:2, 2] += _SHIFT_SHARE * np.median(flow.px[sure], 0)
     return replace(camera, K=K)
-
-
-def _band(encoded: np.ndarray, where: np.ndarray) -> np.ndarray:
-    """Return the fine structure [H, W] of a picture in the same contrast everywhere."""
-    grey, mask = encoded.mean(-1).astype(np.float32), where.astype(np.float32)
-    share = np.maximum(gaussian_filter(mask, _BAND_PX), 1e-3)
-    fine = (grey - gaussian_filter(grey * mask, _BAND_PX) / share) * mask
-    deviation = np.sqrt(gaussian_filter(fine * fine, _BAND_PX) / share) + _BAND_FLOOR
-    return 0.5 + _BAND_CONTRAST * fine / deviation

@@ -9,6 +9,7 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from PIL import Image
 
 from ...backend.evaluation.perceptual.lpips import load_lpips
 from ...backend.hand.model_file import load_default_hand
-from ...backend.person.making import MakingOptions, made_person
+from ...backend.person.making import MakingOptions, person_of_pictures
 from ...backend.person.model import PersonModel
 from ...backend.person.person_avatar import shipped_bases
 from ...backend.person.rig.pictures_of_rig import pictures_of_rig
@@ -37,14 +38,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stdout.flush()
 
     hands = pictures_of_rig(args.folder, args.held_out, say=say)
-    base, family = _shipped()
+    bases = shipped_bases(load_default_hand())
     for side, hand in hands.items():
-        model = base if hand.offset_m is None or args.without_offset else base.with_offset(hand.offset_m)
-        options = MakingOptions(resolution=args.resolution, with_flow=False)
-        person = made_person(model, hand, family, options, say)
+        given = replace(hand, offset_m=None) if args.without_offset else hand
+        options = MakingOptions(resolution=args.resolution, fits_poses=not args.without_offset)
+        person, fitted = person_of_pictures(bases, given, options, say)
         light = person.lights[hand.pictures[0].scene]
-        for name, one in (("base", model), ("person", person.model)):
-            _report(f"{side} {name}", side, one, hand, light, distance, args.sheet, say)
+        for name, one in (("base", person.model.with_ratio(None)), ("person", person.model)):
+            _report(f"{side} {name}", side, one, fitted, light, distance, args.sheet, say)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -57,12 +58,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--threads", type=int, default=2, help="of rendering (default: %(default)s)")
     parser.add_argument("--without-offset", action="store_true", help="keep to the hand model's own shape")
     return parser
-
-
-def _shipped():
-    """Load the base, and the family of skins."""
-    bases = shipped_bases(load_default_hand())
-    return bases.nearest(0.0), bases.family
 
 
 def _lpips(files: Sequence[Path] | None) -> Distance | None:

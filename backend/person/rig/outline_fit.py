@@ -176,14 +176,15 @@ def _moved(
     values = [value.clone().requires_grad_() for value in (*fit.parameters, fit.turns)]
     groups = [{"params": [value], "lr": rate} for value, rate in zip(values, _RATES, strict=True)]
     optimizer = torch.optim.Adam(groups, betas=(0.9, 0.98))
-    first = start.parameters.theta[:, 1:]
+    first = start.parameters
     for step in range(_STEPS):
         _set_rates(optimizer, _RATES, step)
         theta, beta, transl, forearm, turns = values
         shown = hands.show(HandParameters(theta, beta, transl, forearm))
         loss = picture_loss(shown.all_vertices, shown.landmarks, turns, cameras, pairs, targets)
-        loss = loss + _THETA_WEIGHT * ((theta[:, 1:] - first) ** 2).sum() + _BETA_WEIGHT * (beta**2).sum()
-        loss = loss + _FOREARM_WEIGHT * (forearm**2).sum() + _TURN_WEIGHT * turn_costs(turns).sum()
+        loss = loss + _THETA_WEIGHT * ((theta - first.theta)[:, 1:] ** 2).sum() + _BETA_WEIGHT * (beta**2).sum()
+        loss = loss + _FOREARM_WEIGHT * ((forearm - first.forearm) ** 2).sum()
+        loss = loss + _TURN_WEIGHT * turn_costs(turns).sum()
         optimizer.zero_grad()
         loss.backward()
         _keep_still(turns, rows)

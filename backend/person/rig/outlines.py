@@ -95,8 +95,15 @@ def outline_of(region: Bool[np.ndarray, "H W"]) -> Outline:
 class OutlineTree:
     """The outline of a picture, searched by place and direction."""
 
-    def __init__(self, outline: Outline, px_per_mm: float):
-        self._outline, self._bend_px = outline, _NORMAL_MM * px_per_mm
+    def __init__(self, outline: Outline, px_per_mm: float, is_known: Bool[np.ndarray, "H W"] | None = None):
+        """Build it.
+
+        Args:
+            outline: of the picture.
+            px_per_mm: px in a millimetre at the hands.
+            is_known: where the picture tells hand from ground; elsewhere nothing is near. None: everywhere.
+        """
+        self._outline, self._bend_px, self._is_known = outline, _NORMAL_MM * px_per_mm, is_known
         self._tree = KDTree(np.c_[outline.px, outline.normal * self._bend_px]) if len(outline.px) else None
 
     def nearest(self, outline: Outline) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -105,6 +112,8 @@ class OutlineTree:
             empty = np.zeros((len(outline.px), 2))
             return np.full(len(outline.px), np.inf), empty, empty
         distance, index = self._tree.query(np.c_[outline.px, outline.normal * self._bend_px])
+        if self._is_known is not None:
+            distance = np.where(self._is_known[outline.row, outline.column], distance, np.inf)
         return distance, self._outline.px[index], self._outline.normal[index]
 
 

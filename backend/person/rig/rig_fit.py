@@ -21,6 +21,7 @@ from ...system.thread_limits import thread_limit
 from ...tracking.weights import TrackerNetworks
 from .association import AssociatedHand, associated_hands, found_hands, with_second_look
 from .calibration import LEAST_VIEWS, RigView
+from .forearm_search import with_forearms
 from .landmark_pose import landmark_poses, landmark_targets
 from .outline_fit import RigFit, ViewOutlines, fitted_to_outlines
 from .outlines import covered_pixels
@@ -111,7 +112,9 @@ def fitted_hands(
     hands = RigHands.of(model, tuple(kept))
     poses = landmark_poses(own, rows, calibration.points, model).poses
     stages = _Stages(views, hands, names, held_out, say)
-    start = RigFit(hands.parameters(poses), torch.as_tensor(turns, dtype=torch.float32))
+    parameters = with_forearms(hands.parameters(poses), hands, views, rows, held_out)
+    say(f"forearms bent by {np.rad2deg(parameters.forearm.norm(dim=1).numpy()).round().tolist()} degrees")
+    start = RigFit(parameters, torch.as_tensor(turns, dtype=torch.float32))
     state = OffsetFit(start, torch.zeros(len(hands.sides), len(hands.arm)))
     labels = stages.labels(state)
     targets = landmark_targets(list(kept.values()), RigCameras.of(cameras))

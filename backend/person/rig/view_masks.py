@@ -107,7 +107,7 @@ def _labels_in_box(rgb: np.ndarray, mesh: np.ndarray, px_per_mm: float) -> np.nd
     is_mesh = mesh > FREE
     nearest = _nearest(is_mesh)
     outside, inside = (np.asarray(distance_transform_edt(part)) / px_per_mm for part in (~is_mesh, is_mesh))
-    core = (inside > _CORE_MM) & (mesh != ARM)
+    core = _core(mesh, inside)
     looks_skin = skin_likelihood(rgb, core, outside > _NEAR_MM) > _LEAST_LIKELY
     seeds = np.full(mesh.shape, cv2.GC_BGD, np.uint8)
     seeds[outside < _NEAR_MM] = cv2.GC_PR_BGD
@@ -124,6 +124,18 @@ def _labels_in_box(rgb: np.ndarray, mesh: np.ndarray, px_per_mm: float) -> np.nd
     keeps = stats[:, cv2.CC_STAT_AREA] > _LEAST_PIECE_MM2 * px_per_mm**2
     keeps[0] = False
     return np.where(keeps[pieces] & (outside < _JOINED_MM), mesh[nearest], FREE).astype(np.uint8)
+
+
+def sure_skin_likelihood(
+    rgb: UInt8[np.ndarray, "H W 3"], mesh: UInt8[np.ndarray, "H W"], px_per_mm: float
+) -> Float[np.ndarray, "H W"]:
+    """Compute `skin_likelihood` with what lies well within the mesh for skin, and what lies well without for none."""
+    outside, inside = (np.asarray(distance_transform_edt(part)) / px_per_mm for part in (mesh == FREE, mesh != FREE))
+    return skin_likelihood(rgb, _core(mesh, inside), outside > _NEAR_MM)
+
+
+def _core(mesh: np.ndarray, inside_mm: np.ndarray) -> np.ndarray:
+    return (inside_mm > _CORE_MM) & (mesh != ARM)
 
 
 def skin_likelihood(

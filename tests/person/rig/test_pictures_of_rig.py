@@ -1,7 +1,10 @@
 """Views of a rig become pictures of each hand; a left one's are mirrored with all that belongs to them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from livehand.backend.capture.picture import linear_to_srgb, srgb_to_linear
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.person.rig import pictures_of_rig as room
 from livehand.backend.person.rig.pictures_of_rig import mirrored_camera, pictured_hands, pictures_of_rig
@@ -10,6 +13,7 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.hand_picture import HAND, UNKNOWN
 
 pytestmark = pytest.mark.slow
+GAIN = (0.6, 0.7, 0.8)
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +59,27 @@ def test_each_hand_has_its_pictures_where_its_pose_is_projected(made_rig, fitted
             assert np.isin(labels, (HAND, UNKNOWN)).mean() > 0.9
             skin = picture.rgb[picture.labels == HAND].astype(float)
             assert skin.mean(0) == pytest.approx((193, 138, 108), abs=12)
+
+
+def test_a_camera_s_gain_is_found_but_for_one_held_out(made_rig, fitted, monkeypatch):
+    monkeypatch.setattr(room, "load_networks", lambda: None)
+    monkeypatch.setattr(room, "fitted_rig", lambda views, networks, model, rows, say: fitted)
+
+    def gains(views):
+        monkeypatch.setattr(room, "read_rig", lambda folder, instant: tuple(views))
+        pictures = pictures_of_rig("made", [6])["left"].pictures
+        return {picture.camera_index: np.array(picture.log_gain) for picture in pictures}
+
+    views = made_rig.views()
+    even = gains(views)
+    for row in (2, 3):
+        linear = srgb_to_linear(views[row].rgb / 255.0) * GAIN
+        views[row] = replace(views[row], rgb=(255 * linear_to_srgb(linear)).round().astype(np.uint8))
+    changed = gains(views)
+    others = [number for number in even if number not in (4, 6)]
+    change = changed[4] - even[4] - np.mean([changed[number] - even[number] for number in others], 0)
+    assert change == pytest.approx(np.log(GAIN), abs=0.05)
+    assert not changed[6].any()
 
 
 def test_a_view_that_shows_too_little_is_left_out(made_rig, fitted):

@@ -1,0 +1,134 @@
+"""Fits pose, shape, offsets and cameras of one hand to its own skin: by flow from what is rendered to the pictures.
+
+Flow is to be trusted only once the rendered skin is the person's own: views of another's contradict each other. Local
+contrast is compared, for light and exposure are known less well than folds and spots. Outlines go on counting.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from ...capture.masks.mask import load_opencv
+from ...records.hand_picture import HAND, UNKNOWN, HandPicture, PicturedHand
+from ...system.thread_limits import thread_limit
+from ..flow import bilinear, flow_between, local_contrast, nearest
+from ..illumination import Illumination, encoded_colours
+from ..model import PersonModel
+from .landmark_pose import LandmarkTargets
+from .outline_fit import RigFit, ViewOutlines
+from .outlines import OutlineTree, outline_of
+from .rig_cameras import turned
+from .rig_hands import RigHands
+from .shape_offsets import OffsetFit, VertexTargets, fitted_offsets
+
+_SMOOTH_PX, _ERROR_PX = 2.0, 1.5  # of flow
+_MOST_MM = 6.0  # that skin lies off
+_LEAST_FACING, _BEHIND_M = 0.35, 0.003
+_INNER_PX, _CLIPPED, _CLIPPED_PX = 9, 0.97, 4.0
+_BESIDE_UNKNOWN_PX = 5
+_LEAST_WEIGHT = 0.05
+_CONTRAST_PX = 10.0
+
+
+def fitted_to_skin(model: PersonModel, hand: PicturedHand, lights: Mapping[int, Illumination]) -> PicturedHand:
+    """Return the hand with pose, shape, offsets and cameras moved to where the pictures show the person's skin.
+
+    Args:
+        model: with the person's skin and shape so far.
+        hand: of calibrated cameras at one moment; those held out are turned to their outlines afterwards.
+        lights: by scene.
+    """
+    hands, pictures = RigHands.of(model.hand, ("right",)), hand.pictures
+    start = RigFit(hands.parameters({"right": pictures[0].pose}), torch.zeros(len(pictures), 4))
+    held_out = [row for row, picture in enumerate(pictures) if picture.is_held_out]
+    with thread_limit(1):  # operations are small: threads would only wait for each other
+        found = fitted_offsets(
+            start,
+            hands,
+            [picture.camera for picture in pictures],
+            _outlines(pictures),
+            _no_landmarks(),
+            held_out,
+            _FlowTargets(model, pictures, lights, hands),
+            torch.as_tensor(model.offset_m, dtype=torch.float32)[None],
+        )
+    pose, turns = hands.poses(found.fit.parameters)["right"], found.fit.turns.double().numpy()
+    moved = [
+        replace(picture, pose=pose, camera=turned(picture.camera, turn))
+        for picture, turn in zip(pictures, turns, strict=True)
+    ]
+    return replace(hand, pictures=tuple(moved), offset_m=found.offset_m[0].double().numpy())
+
+
+@dataclass(frozen=True)
+class _FlowTargets:
+    """Where pictures show the vertices of a hand whose skin is known; called with hands and cameras as they are."""
+
+    model: PersonModel
+    pictures: tuple[HandPicture, ...]
+    lights: Mapping[int, Illumination]
+    hands: RigHands
+
+    def __call__(self, state: OffsetFit) -> list[VertexTargets]:
+        pose = self.hands.poses(state.fit.parameters)["right"]
+        model = self.model.with_offset(state.offset_m[0].double().numpy())
+        turns = state.fit.turns.double().numpy()
+        return [
+            _vertex_targets(
+                model, replace(picture, pose=pose, camera=turned(picture.camera, turns[row])), row, self.lights
+            )
+            for row, picture in enumerate(self.pictures)
+            if not picture.is_held_out
+        ]
+
+
+def _vertex_targets(
+    model: PersonModel, picture: HandPicture, view: int, lights: Mapping[int, Illumination]
+) -> VertexTargets:
+    cv2 = load_opencv()
+    light = lights[picture.scene]
+    frame, seen = model.rendered(picture.pose, picture.camera, light.light), model.seen(picture.pose, picture.camera)
+    rendered = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3) * light.tint
+    both = (picture.labels == HAND) & (frame.alpha > 0.5)
+    shown = picture.rgb.astype(np.float32) / 255
+    ours, theirs = (local_contrast(image, both, _CONTRAST_PX) for image in (encoded_colours(picture, rendered), shown))
+    flow = flow_between(ours, theirs, _SMOOTH_PX, finest_level=0)
+    inner = cv2.erode(both.astype(np.uint8), np.ones((_INNER_PX, _INNER_PX))).astype(np.float32)
+    clipped = cv2.GaussianBlur((shown.max(-1) > _CLIPPED).astype(np.float32), (0, 0), _CLIPPED_PX)
+    px, depth = picture.camera.project(model.vertices(picture.pose))
+    scale = _px_per_mm(picture)
+    shift = bilinear(flow.px, px)
+    is_sure = (depth < nearest(seen.depth, px) + _BEHIND_M) & (nearest(seen.facing, px) > _LEAST_FACING)
+    is_sure &= (bilinear(inner, px) > 0.5) & (np.linalg.norm(shift, axis=1) < _MOST_MM * scale)
+    weight = is_sure * np.exp(-(bilinear(flow.error_px, px) ** 2) / (2 * _ERROR_PX**2)) * (1 - bilinear(clipped, px))
+    vertex = np.flatnonzero(weight > _LEAST_WEIGHT)
+    goal, sureness = (torch.as_tensor(each[vertex], dtype=torch.float32) for each in (px + shift, weight))
+    return VertexTargets(0, view, torch.as_tensor(vertex), goal, sureness, scale)
+
+
+def _px_per_mm(picture: HandPicture) -> float:
+    """Compute the px of a millimetre at the hand."""
+    depth_m = (picture.pose.transl - picture.camera.origin) @ picture.camera.cam2world[:3, 2]
+    return float(picture.camera.K[0, 0] / abs(depth_m) / 1000)
+
+
+def _outlines(pictures: tuple[HandPicture, ...]) -> ViewOutlines:
+    """Find the hand's outlines against what is known to be no hand."""
+    cv2 = load_opencv()
+    around = np.ones((_BESIDE_UNKNOWN_PX, _BESIDE_UNKNOWN_PX))
+    trees, px_per_mm = {}, {}
+    for row, picture in enumerate(pictures):
+        unknown = cv2.dilate((picture.labels == UNKNOWN).astype(np.uint8), around) > 0
+        outline = outline_of((picture.labels == HAND) & ~unknown, (picture.labels != HAND) & ~unknown)
+        px_per_mm[row] = _px_per_mm(picture)
+        trees[row] = OutlineTree(outline, px_per_mm[row], ~unknown)
+    return ViewOutlines(trees, px_per_mm)
+
+
+def _no_landmarks() -> LandmarkTargets:
+    none = torch.zeros(0, dtype=torch.long)
+    return LandmarkTargets(none, none, torch.zeros(0, 21, 2), torch.zeros(0))

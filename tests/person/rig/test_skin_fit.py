@@ -1,0 +1,66 @@
+"""A hand that lies off goes back to where the pictures show its skin."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.person.illumination import Illumination, lobe_directions
+from livehand.backend.person.person_avatar import shipped_bases
+from livehand.backend.person.rig.rig_cameras import turned
+from livehand.backend.person.rig.skin_fit import fitted_to_skin
+from livehand.backend.records.hand_picture import HAND, UNKNOWN
+from livehand.tests.person.conftest import pictured
+from scipy.ndimage import binary_erosion, gaussian_filter
+
+pytestmark = pytest.mark.slow
+OFF_M = np.array([0.002, -0.0015, 0.002])
+TURN_RAD = 0.004
+EDGE_PX = 4
+
+
+@pytest.fixture(scope="module")
+def spotted():
+    """A person with spots, and a light."""
+    spots = gaussian_filter(np.random.default_rng(0).normal(size=(256, 256)), 2.5)
+    steps = (40 * spots / np.abs(spots).max()).round().astype(np.int8)
+    light = Illumination(np.full(len(lobe_directions()), 0.1), np.ones(3))
+    return shipped_bases(load_default_hand()).models[0.42].with_ratio(np.repeat(steps[..., None], 3, 2)), light
+
+
+def without_edges(picture):
+    """Nothing is known but what lies well inside the hand."""
+    inner = binary_erosion(picture.labels == HAND, iterations=EDGE_PX)
+    return replace(picture, labels=np.where(inner, HAND, UNKNOWN).astype(np.uint8))
+
+
+def moved(picture, index):
+    pose = replace(picture.pose, transl=picture.pose.transl + OFF_M)
+    turn = np.array([0.0, TURN_RAD if index == 2 else 0.0, 0.0, 0.0])
+    return replace(picture, pose=pose, camera=turned(picture.camera, turn))
+
+
+def off_px(model, pictures, truth):
+    """Mean distance of the hand's points from where each picture shows them."""
+    places = []
+    for picture, true in zip(pictures, truth, strict=True):
+        points = [one.camera.project(model.vertices(one.pose)[model.hand.framed_vertices])[0] for one in (picture, true)]
+        places.append(np.linalg.norm(points[0] - points[1], axis=1).mean())
+    return np.array(places)
+
+
+@pytest.mark.parametrize("sees_edges", [True, False])
+def test_skin_brings_hand_and_cameras_back(spotted, sees_edges):
+    model, light = spotted
+    hand = pictured(model, light.light)
+    given = [picture if sees_edges else without_edges(picture) for picture in hand.pictures]
+    off = [moved(picture, index) for index, picture in enumerate(given)]
+    found = fitted_to_skin(model, replace(hand, pictures=tuple(off)), {0: light})
+    before, after = (off_px(model, pictures, hand.pictures)[:-1] for pictures in (off, found.pictures))
+    print("OFF", before, after, 1000 * np.abs(found.offset_m).max())
+    assert before.min() > 1
+    assert after.max() < 0.5 * before.min()
+    assert 1000 * np.abs(found.offset_m).max() < 1.5
+    held_out = found.pictures[-1]
+    assert (held_out.camera.K == hand.pictures[-1].camera.K).all()
+    assert (held_out.labels == given[-1].labels).all()
