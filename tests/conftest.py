@@ -1,5 +1,6 @@
 """What several test files share: posed hands, spheres, views, an exact search, a painted capture, a dead process."""
 
+import runpy
 import signal
 import subprocess
 import sys
@@ -63,6 +64,15 @@ def pytest_unconfigure(config):
     """End the process as the program does: Blender's own end may wait for ever."""
     if "bpy" in sys.modules and EXIT_STATUS in config.stash:
         end_process(config.stash[EXIT_STATUS])
+
+
+@pytest.fixture(scope="session")
+def signer(tmp_path_factory):
+    """Paths of a certificate chain and of its private key, of a studio whom nobody else knows."""
+    pytest.importorskip("cryptography")
+    return runpy.run_path(str(Path(__file__).parent / "certificates.py"))["write_signer"](
+        tmp_path_factory.mktemp("pem")
+    )
 
 
 SIZE = (24, 32)

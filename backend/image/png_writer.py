@@ -6,7 +6,7 @@ Encoding takes a sixth of a second at 1920x1080, in which a render that waits fo
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
@@ -25,7 +25,7 @@ _WAITING_PER_THREAD = 2  # images in memory
 
 def write_png(frame: Frame, path: Path) -> None:
     """Write a frame as sRGB with straight alpha, atomically; raises LiveHandError where it cannot be written."""
-    _save(srgb_pixels(frame), path)
+    _save(srgb_pixels(frame), path, {})
 
 
 class _Pending(NamedTuple):
@@ -65,16 +65,19 @@ class PngWriter:
         if failed and kind is None:  # else what ended the context says more
             raise failed
 
-    def write(self, frame: Frame, path: Path, then: Callable[[], None] = lambda: None) -> None:
+    def write(
+        self, frame: Frame, path: Path, then: Callable[[], None] = lambda: None, text: Mapping[str, str] | None = None
+    ) -> None:
         """Write a frame soon; waits if too many are being written.
 
         Args:
             frame: as rendered.
             path: of the PNG.
             then: is called once the file is there.
+            text: entries of the file's metadata.
         """
         self._finish(self._most_waiting - 1)
-        self._pending.append(_Pending(self._workers.submit(_save, srgb_pixels(frame), path), then))
+        self._pending.append(_Pending(self._workers.submit(_save, srgb_pixels(frame), path, text or {}), then))
 
     def _finish(self, most_left: int) -> None:
         """Follow up the images that are written, in order, and wait until at most so many are left."""
@@ -84,8 +87,12 @@ class PngWriter:
             then()
 
 
-def _save(pixels: np.ndarray, path: Path) -> None:
+def _save(pixels: np.ndarray, path: Path, text: Mapping[str, str]) -> None:
     from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
 
+    entries = PngInfo()
+    for key, value in text.items():
+        entries.add_itxt(key, value)
     with replacing(path) as temporary:
-        Image.fromarray(pixels).save(temporary, format="PNG")
+        Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=entries)
