@@ -23,7 +23,9 @@ from ..backend.commands import render_motion as render_poses
 from ..backend.commands.export import COMMAND as EXPORT
 from ..backend.commands.inspect import COMMAND as INSPECT
 from ..backend.commands.inspect import report
+from ..backend.commands.origin import COMMAND as ORIGIN
 from ..backend.commands.reenact.command import COMMAND as REENACT
+from ..backend.commands.sign import COMMAND as SIGN
 from ..backend.commands.track import COMMAND as TRACK
 from ..backend.commands.warm_up import COMMAND as WARM_UP
 from ..backend.evaluation.command import COMMAND as EVALUATE
@@ -185,6 +187,8 @@ COMMANDS: dict[str, Command] = {
         FETCH_PERCEPTUAL,
         TRACK,
         REENACT,
+        ORIGIN,
+        SIGN,
         *_optional("livehand_blender.research.commands"),
         *(replace(command, run=_silent_in_blender(command.run)) for command in _optional("tools.commands")),
     )

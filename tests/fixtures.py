@@ -1,6 +1,7 @@
 """What several test files share: posed hands, spheres, views, an exact search, a painted capture, a dead process."""
 
 import hashlib
+import runpy
 import subprocess
 import sys
 from dataclasses import fields, is_dataclass, replace
@@ -52,6 +53,14 @@ def _detail_maps_are_made_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(DetailMaps, "of", staticmethod(once))
         yield
+
+
+@pytest.fixture(scope="session")
+def signer(tmp_path_factory):
+    """Paths of a certificate chain and of its private key, of a studio whom nobody else knows."""
+    pytest.importorskip("cryptography")
+    certificates = runpy.run_path(str(Path(__file__).parent / "certificates.py"))
+    return certificates["write_signer"](tmp_path_factory.mktemp("pem"))
 
 
 def digest_of(record):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ class AvatarMetadata:
         hand_sha256: identity of the hand model it belongs to.
         hand_name: of that model.
         licence: of the avatar, or empty.
+        consent: what the person whom it shows agreed to, or empty.
         figures: metrics on held-out views as lines of text; empty if it was not evaluated.
         made_from: the capture it was trained on as a line of text, or empty.
         beta: [10] shape of the person whom it shows, or None if the file does not say.
@@ -48,6 +50,7 @@ class AvatarMetadata:
     hand_sha256: str
     hand_name: str
     licence: str
+    consent: str
     figures: tuple[str, ...]
     made_from: str
     beta: tuple[float, ...] | None
@@ -68,7 +71,8 @@ def read_metadata(path: Path) -> AvatarMetadata:
             name=str(header["name"]),
             hand_sha256=str(header["hand_sha256"]),
             hand_name=str(header["hand_name"]),
-            licence=str(provenance.get("licence", "")),
+            licence=licence_and_consent(provenance)[0],
+            consent=licence_and_consent(provenance)[1],
             figures=_figures(header["metrics"]),
             made_from=_made_from(provenance.get("capture", {})),
             beta=_beta(header.get("surface"), provenance.get("capture", {})),
@@ -112,6 +116,16 @@ def _figures(metrics: dict[str, Any]) -> tuple[str, ...]:
         f"SSIM {values['ssim']:.3f}, alpha IoU {values['alpha_iou']:.3f}",
         f"on {values['images']:.0f} views of {_SPLITS[measured]}",
     )
+
+
+def licence_and_consent(provenance: Mapping[str, Any]) -> tuple[str, str]:
+    """Return an avatar's licence, and what its person agreed to, both perhaps empty.
+
+    A consent is that which was given when this avatar was made, or the one that it was fine-tuned from.
+    """
+    before = (provenance.get("fine_tuned_from") or {}).get("provenance") or {}
+    consent = provenance.get("consent") or (licence_and_consent(before)[1] if before else "")
+    return str(provenance.get("licence") or ""), str(consent)
 
 
 def _made_from(capture: dict[str, Any]) -> str:

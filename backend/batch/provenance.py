@@ -27,12 +27,16 @@ class HandRecord:
         avatar_name: the name in the avatar's file.
         avatar_path: the avatar's file.
         hand_sha256: of the hand model's file.
+        licence: of the avatar, or empty.
+        consent: what its person agreed to, or empty.
     """
 
     pose: HandPose
     avatar_name: str
     avatar_path: Path
     hand_sha256: str
+    licence: str = ""
+    consent: str = ""
 
 
 def frame_record(
@@ -101,6 +105,8 @@ def _hand_record(hand: HandRecord) -> dict[str, Any]:
             "name": hand.avatar_name,
             "path": str(hand.avatar_path.resolve()),
             "sha256": file_digest(hand.avatar_path),
+            "licence": hand.licence,
+            "consent": hand.consent,
         },
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,14 +65,19 @@ def read_exr_header(path: Path) -> tuple[tuple[str, ...], tuple[int, int]]:
     return tuple(name for name, _ in header.channels), header.size_px
 
 
-def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
+def write_exr(path: Path, channels: dict[str, np.ndarray], text: Mapping[str, str] | None = None) -> None:
     """Write channels [H, W], float16 or float32, compressed without loss, under a temporary name first.
+
+    Args:
+        path: of the file.
+        channels: by name.
+        text: more attributes of the header.
 
     Raises:
         LiveHandError: the file cannot be written.
     """
     with replacing(path) as temporary:
-        temporary.write_bytes(_file_of(channels))
+        temporary.write_bytes(_file_of(channels, text or {}))
 
 
 def _bytes_of(path: Path) -> bytes:
@@ -189,11 +195,11 @@ def _packed(block: np.ndarray) -> bytes:
     return packed if len(packed) < block.size else block.tobytes()
 
 
-def _file_of(channels: dict[str, np.ndarray]) -> bytes:
+def _file_of(channels: dict[str, np.ndarray], text: Mapping[str, str]) -> bytes:
     names = sorted(channels)
     height, width = channels[names[0]].shape
     kinds = [_TYPES.index(channels[name].dtype.newbyteorder("<")) for name in names]
-    header = _header_bytes(names, kinds, width, height)
+    header = _header_bytes(names, kinds, (width, height), text)
     columns = [np.ascontiguousarray(channels[name], _TYPES[kind]) for name, kind in zip(names, kinds, strict=True)]
     rows = np.concatenate([column.view(np.uint8) for column in columns], 1)
     lines = _LINES_OF["ZIP"]
@@ -203,7 +209,8 @@ def _file_of(channels: dict[str, np.ndarray]) -> bytes:
     return b"".join([header, struct.pack(f"<{len(blocks)}Q", *starts), *chunks])
 
 
-def _header_bytes(names: list[str], kinds: list[int], width: int, height: int) -> bytes:
+def _header_bytes(names: list[str], kinds: list[int], size_px: tuple[int, int], text: Mapping[str, str]) -> bytes:
+    width, height = size_px
     box = struct.pack("<4i", 0, 0, width - 1, height - 1)
     channels = b"".join(
         name.encode() + b"\0" + struct.pack("<iIii", kind, 0, 1, 1) for name, kind in zip(names, kinds, strict=True)
@@ -217,6 +224,7 @@ def _header_bytes(names: list[str], kinds: list[int], width: int, height: int) -
         "pixelAspectRatio": ("float", struct.pack("<f", 1)),
         "screenWindowCenter": ("v2f", struct.pack("<2f", 0, 0)),
         "screenWindowWidth": ("float", struct.pack("<f", 1)),
+        **{name: ("string", value.encode()) for name, value in text.items()},
     }
     parts = [struct.pack("<II", _MAGIC, _VERSION)]
     for name, (kind, value) in attributes.items():

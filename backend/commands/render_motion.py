@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..batch.content_credentials import sign_file, signing_key
 from ..batch.progress import FrameProgress, ShotOpened
 from ..batch.report import RunReport
 from ..geometry.framing import fitting_camera
@@ -30,6 +31,7 @@ from ..records.errors import LiveHandError
 from ..records.shot import Shot
 from ..records.side import SIDES
 from ..system.command import parse_size_px, warn
+from .origin import origin_facts, origin_text
 
 _FRONT = (0.0, -1.0, 0.0)
 _AWAY = 0.5  # sine of the angle out of the picture's plane beyond which a palm points away
@@ -79,12 +81,15 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
         raise LiveHandError("a pose file is rendered alone and in one piece; give one file, and no --jobs or --chunk")
     (path,) = args.shots
     from ..avatars.file import load_avatar
+    from ..avatars.library import shipped_avatar_path
+    from ..avatars.origin import read_origin
     from ..hand.lbs import posed_vertices
     from ..image.frame_writer import FrameWriter
+    from ..image.watermark.embedding import watermarked
     from ..render.renderer import Renderer
     from ..render.studio_light import studio_light
 
-    avatar = load_avatar(args.avatar)
+    avatar, origin = load_avatar(args.avatar), read_origin(args.avatar or shipped_avatar_path())
     hand = load_hand_model(args.hand or DEFAULT_HAND)
     if read is None:
         options = ImportOptions({"side": args.side} if args.side else {}, args.mano, picture_camera=args.picture)
@@ -92,6 +97,9 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     else:
         motion, first = read(path, hand), 0
     frames = frame_indices(motion, args.frames, first)
+    kinds, signing, text = args.format or ("png",), signing_key(args), origin_text([origin])
+    if signing is not None and "png" not in kinds:
+        raise LiveHandError(f"frames are signed as PNG, got --format {','.join(kinds)}; add png, or do not sign")
     renderer = Renderer(avatar, hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)
     camera = fitting_camera(sampled_vertices(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILL)
@@ -101,15 +109,19 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
         for number, index in enumerate(frames, 1):
             started, pose = time.perf_counter(), motion.pose(index)
             frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera, light))
+            if args.watermark:
+                frame = replace(frame, rgb=watermarked(frame.rgb, frame.alpha, origin.payload))
 
             def written(place: tuple[int, int] = (first + index + 1, number), started: float = started) -> None:
                 seconds = time.perf_counter() - started
+                if signing is not None:
+                    sign_file(args.output / f"{place[0]:04d}.png", signing, origin_facts([origin]))
                 report.add(path, FrameProgress(*place, len(frames), "written", seconds))
 
-            *others, last = args.format or ("png",)
+            *others, last = kinds
             for kind in others:
-                writer.write(frame, args.output / f"{first + index + 1:04d}.{kind}")
-            writer.write(frame, args.output / f"{first + index + 1:04d}.{last}", written)
+                writer.write(frame, args.output / f"{first + index + 1:04d}.{kind}", text=text)
+            writer.write(frame, args.output / f"{first + index + 1:04d}.{last}", written, text)
     return report.result()
 
 

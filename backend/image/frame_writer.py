@@ -6,7 +6,7 @@ Encoding takes a sixth of a second at 1920x1080, in which a render that waits fo
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
@@ -27,13 +27,13 @@ _WAITING_PER_THREAD = 2  # images in memory
 
 def write_png(frame: Frame, path: Path) -> None:
     """Write a frame as sRGB with straight alpha, atomically; raises LiveHandError where it cannot be written."""
-    _save(srgb_pixels(frame), path)
+    _save(srgb_pixels(frame), path, {})
 
 
-def write_frame_exr(frame: Frame, path: Path) -> None:
+def write_frame_exr(frame: Frame, path: Path, text: Mapping[str, str] | None = None) -> None:
     """Write a frame as scene-linear premultiplied R, G, B and A of 16 bits, and Z, m, of 32; as `write_png`."""
     rgba = np.concatenate([frame.rgb, frame.alpha[..., None]], -1).clip(-_MOST_HALF, _MOST_HALF).astype(np.float16)
-    write_exr(path, {name: rgba[..., k] for k, name in enumerate("RGBA")} | {"Z": frame.depth.astype(np.float32)})
+    write_exr(path, {name: rgba[..., k] for k, name in enumerate("RGBA")} | {"Z": frame.depth.astype(np.float32)}, text)
 
 
 class _Pending(NamedTuple):
@@ -73,17 +73,20 @@ class FrameWriter:
         if failed and kind is None:  # else what ended the context says more
             raise failed
 
-    def write(self, frame: Frame, path: Path, then: Callable[[], None] = lambda: None) -> None:
+    def write(
+        self, frame: Frame, path: Path, then: Callable[[], None] = lambda: None, text: Mapping[str, str] | None = None
+    ) -> None:
         """Write a frame soon; waits if too many are being written.
 
         Args:
             frame: as rendered.
             path: of the file: `.exr`, or a PNG.
             then: is called once the file is there.
+            text: entries of the file's metadata.
         """
         self._finish(self._most_waiting - 1)
         work = (write_frame_exr, frame) if path.suffix == ".exr" else (_save, srgb_pixels(frame))
-        self._pending.append(_Pending(self._workers.submit(*work, path), then))
+        self._pending.append(_Pending(self._workers.submit(*work, path, text or {}), then))
 
     def _finish(self, most_left: int) -> None:
         """Follow up the images that are written, in order, and wait until at most so many are left."""
@@ -93,8 +96,12 @@ class FrameWriter:
             then()
 
 
-def _save(pixels: np.ndarray, path: Path) -> None:
+def _save(pixels: np.ndarray, path: Path, text: Mapping[str, str]) -> None:
     from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
 
+    entries = PngInfo()
+    for key, value in text.items():
+        entries.add_itxt(key, value)
     with replacing(path) as temporary:
-        Image.fromarray(pixels).save(temporary, format="PNG")
+        Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=entries)

@@ -40,6 +40,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of the hand, from the wrist's crease to the tip of the straight middle finger: one camera cannot see it",
     )
     parser.add_argument("--consent", default="", metavar="TEXT", help="what the person agreed to; kept in the avatar")
+    parser.add_argument("--licence", default="not stated", metavar="TEXT", help="of the avatar; kept in it")
     parser.add_argument("--sheet", type=Path, metavar="FILE.png", help="pictures beside the avatar, and what was seen")
     parser.add_argument("--weights", type=Path, metavar="DIR", help="the tracker's folder, if it is not the user's own")
 
@@ -71,7 +72,12 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
     beta = hand.pictures[0].pose.beta
     figures = held_out_figures(made.model, hand.pictures, made.lights)
     measured = {} if figures is None else {key: round(value, 3) for key, value in figures._asdict().items()}
-    provenance = {"source": hand.source, "pictures": len(hand.pictures), "consent": args.consent}
+    provenance = {
+        "source": hand.source,
+        "pictures": len(hand.pictures),
+        "consent": args.consent,
+        "licence": args.licence,
+    }
     avatar = person_avatar(made, model, beta, args.name or args.output.stem, hand.side, provenance)
     save_avatar(avatar, args.output)
     numbers, seen = made.completed.numbers, float((made.completed.confidence > 0.5).mean())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from itertools import chain
 from typing import Any, Protocol, runtime_checkable
@@ -25,6 +25,11 @@ class NamedAvatar(Protocol):
     @property
     def name(self) -> str:
         """The name in its file."""
+        ...
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """What it was made from, its licence, and what its person agreed to."""
         ...
 
 

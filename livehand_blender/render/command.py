@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from ...backend.avatars.library import SKINS, avatar_path
+from ...backend.batch.content_credentials import add_signing_arguments, signing_key
 from ...backend.batch.folders import folders_of, writable_folder
 from ...backend.batch.frame_paths import FORMATS
 from ...backend.batch.frame_selection import ALL, parse_chunk, parse_frames
 from ...backend.batch.report import RunReport
 from ...backend.batch.workers import run_workers, stop_with_parent
+from ...backend.records.errors import LiveHandError
 from ...backend.system.command import INTERRUPTED, OTHER_VERSION, FailedInPart, parse_count, parse_size_px
 
 
@@ -62,6 +64,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="File Output nodes that write outside DIR: keep them (with a warning), mute them, or move them into DIR",
     )
     parser.add_argument(
+        "--watermark", action="store_true", help="write an invisible watermark of the avatar into the hands"
+    )
+    add_signing_arguments(parser, is_required=False)
+    parser.add_argument(
         "--jobs", type=parse_count, default=1, metavar="N", help="worker processes that share the frames"
     )
     # Passed to worker processes: when the run began, see SequencePlan.
@@ -108,6 +114,9 @@ def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunR
     from .plan import SequencePlan
     from .sequence import write_sequences
 
+    signing = signing_key(args)
+    if signing is not None and "png" not in args.format:
+        raise LiveHandError("signed frames must be PNGs, C2PA has no place in OpenEXR; add --format exr,png")
     with in_blender():
         plans = [
             SequencePlan(
@@ -124,6 +133,8 @@ def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunR
                 size_px=args.size,
                 device=args.device,
                 precision=args.precision,
+                has_watermark=args.watermark,
+                signing=signing,
             )
             for shot, folder in folders.items()
         ]

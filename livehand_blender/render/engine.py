@@ -34,6 +34,7 @@ from .hand_source import load_renderer_in_blender
 from .keep_look import in_scene_colours
 from .light_groups import GroupedFrames, group_passes, grouped_frames, light_groups, pass_name, task_with_groups
 from .light_passes import Measurement, is_measured, with_measured_light
+from .origin import with_watermark
 from .panels import LIVEHAND_PT_hand_light, LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
@@ -271,6 +272,7 @@ class LiveHandRender(CyclesEngine):
         surface = surface_of(frame.hands, view.task, view.motion) if frame.needs_surface else None
         convert = self._converter(frame)
         picture = compose_picture(frame.hands, frames.samples, frame.size_px, convert, around, surface)
+        picture = with_watermark(picture, frame.watermark)
         return picture, group_passes(frames, frame.hands, frame.size_px, convert, scene)
 
     @staticmethod

@@ -23,6 +23,7 @@ from ..scene.camera import Eye, read_camera, render_region
 from .cycles import is_in_scene
 from .hand_source import HandSource, hand_source, load_for, read_device, read_grade
 from .light_groups import light_groups
+from .origin import read_payload
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
 
 LOGGER = logging.getLogger(__name__)
@@ -62,6 +63,7 @@ class FrameSetup:
         instance_ids: of every hand's mesh.
         surface_vertices: full name of such a mesh -> [V, 3] world, its vertices on the avatar's surface, if it has one.
         views: one, or two eyes.
+        watermark: 8 bytes for the picture; None: none is wanted.
     """
 
     scene: bpy.types.Scene
@@ -77,6 +79,7 @@ class FrameSetup:
     instance_ids: tuple[InstanceId, ...]
     views: tuple[ViewSetup, ...]
     surface_vertices: Mapping[str, np.ndarray] = field(default_factory=dict)
+    watermark: bytes | None = None
 
     @property
     def needs_surface(self) -> bool:
@@ -174,6 +177,7 @@ def read_frame_setup(
         meshes={name: mesh for name, (mesh, _) in reflecting.items()},
         instance_ids=tuple(hand.instance_id for hand in visible),
         views=views,
+        watermark=read_payload(scene, hands, session),
     )
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import bpy
 
+from ...backend.avatars.metadata import licence_and_consent
+from ...backend.batch.content_credentials import SigningKey, sign_file
 from ...backend.batch.folders import not_written
 from ...backend.batch.frame_paths import FORMATS, FrameParts, FramePaths
 from ...backend.batch.frame_records import joined_records, kept_records
@@ -38,6 +40,7 @@ class FrameWriter:
         session: the engine's session.
         queue: the session's queue.
         interruption: checked after each image.
+        signing: signs the PNGs; None: nothing is signed.
     """
 
     scene: bpy.types.Scene
@@ -47,6 +50,7 @@ class FrameWriter:
     session: Session
     queue: FrameQueue
     interruption: Interruption
+    signing: SigningKey | None = None
 
     def write(self, paths: FramePaths, formats: Sequence[str], leases: FrameLeases, lease: Lease) -> bool:
         """Render a frame once, save it in every format, and save its record beside it.
@@ -86,8 +90,15 @@ class FrameWriter:
                 self._render(frame, part)
             else:
                 self._save_again(part)
+            if self.signing is not None and file_format == "png":
+                self._sign(part, self.signing)
             self.interruption.check()
             parts.check(part, output_size_px(self.scene.render))
+
+    def _sign(self, path: Path, signing: SigningKey) -> None:
+        records = [self._hand_record(task) for task in self._hand_tasks()]
+        shown = [{"name": one.avatar_name, "licence": one.licence, "consent": one.consent} for one in records]
+        sign_file(path, signing, {"avatars": shown})
 
     def _render(self, frame: int, path: Path) -> None:
         """Render and save with one operator, which releases Python to the queue's thread; `save_render` does not."""
@@ -131,6 +142,12 @@ class FrameWriter:
 
     def _hand_record(self, task: HandTask) -> HandRecord:
         renderer = task.renderer
+        licence, consent = licence_and_consent(renderer.avatar.provenance)
         return HandRecord(
-            task.shot.pose, renderer.avatar.name, self.session.avatar_path(renderer), renderer.hand.sha256
+            task.shot.pose,
+            renderer.avatar.name,
+            self.session.avatar_path(renderer),
+            renderer.hand.sha256,
+            licence,
+            consent,
         )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import bpy
 
+from ...backend.batch.content_credentials import SigningKey
 from ...backend.batch.frame_selection import ALL, Chunk
 from ...backend.records.errors import LiveHandError
 from ...backend.system.command import MOST_PIXELS
@@ -37,6 +38,8 @@ class SequencePlan:
         size_px: (width, height) at 100 %.
         device: `auto`, `cpu` or `cuda`.
         precision: `fp32` or `bf16`.
+        has_watermark: writes one, even if the scene does not ask for it.
+        signing: signs the PNGs; None: nothing is signed.
     """
 
     shot: Path
@@ -52,6 +55,8 @@ class SequencePlan:
     size_px: tuple[int, int] | None = None
     device: str | None = None
     precision: str | None = None
+    has_watermark: bool = False
+    signing: SigningKey | None = None
 
     def frames_of(self, scene: bpy.types.Scene) -> Sequence[int]:
         """List the numbers of the frames to render."""
@@ -101,6 +106,8 @@ def apply_plan(scene: bpy.types.Scene, plan: SequencePlan) -> None:
         scene.livehand.device = plan.device
     if plan.precision:
         scene.livehand.precision = plan.precision
+    if plan.has_watermark:
+        scene.livehand.watermark = True
     if plan.avatar:
         for hand in all_hands(scene):
             set_avatar(hand, plan.avatar)

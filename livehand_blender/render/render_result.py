@@ -11,6 +11,7 @@ from ...backend.render.cryptomatte import crypto_metadata
 from ...backend.render.picture import Picture
 from .frame_setup import FrameSetup
 from .light_groups import pass_name
+from .origin import metadata_fields
 from .passes import CRYPTOMATTE, ScenePasses, drawn_passes
 
 
@@ -46,6 +47,8 @@ def write_picture(
         passes = result.layers[0].passes
         for name, values in {**dict(drawn_passes(picture, passes.keys(), scene)), **groups}.items():
             _fill_pass(passes[name], values)
+        for field, value in metadata_fields(frame.hands).items():
+            engine.get_result().stamp_data_add_field(field, value)
         if frame.cryptomatte and not frame.is_in_scene:  # in a scene, Cycles has written the names of all objects
             for field, value in crypto_metadata(f"{frame.layer}.{CRYPTOMATTE}", picture.coverage).items():
                 engine.get_result().stamp_data_add_field(field, value)

@@ -77,7 +77,7 @@ def write_sequence(plan: SequencePlan, on_event: EventHandler) -> None:
         frames, version = plan.frames_of(scene), read_version(scene, plan.shot, opened, plan.folder)
         on_event(ShotOpened(str(plan.folder), len(frames), version.digest()))
         since_ns = (plan.began_ns or now_ns) if plan.overwrite else 0
-        writer = FrameWriter(scene, plan.shot, version, output, session, queue, interruption)
+        writer = FrameWriter(scene, plan.shot, version, output, session, queue, interruption, plan.signing)
         _Sequence(plan, frames, version, writer, leases, since_ns, on_event).write()
 
 

@@ -42,7 +42,11 @@ def read_version(scene: bpy.types.Scene, shot: Path, opened: str | None, folder:
         avatars=_digests(source.avatar_path for source in sources),
         hand_models=_digests(source.model_path for source in sources),
         size_px=output_size_px(scene.render),
-        settings={"device": device.name, "precision": device.precision},
+        settings={
+            "device": device.name,
+            "precision": device.precision,
+            **({"watermark": "on"} if scene.livehand.watermark else {}),
+        },
     )
 
 

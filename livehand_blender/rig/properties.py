@@ -163,6 +163,10 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
     precision: EnumProperty(
         name="Precision", description="Floating-point numbers that the networks compute with", items=_PRECISIONS
     )
+    watermark: BoolProperty(
+        name="Watermark",
+        description="Write an invisible mark of the avatar and its license into the hands of finished pictures",
+    )
     keep_look: BoolProperty(
         name="Ignore View Transform",
         description="Show the hand's colors as in the Standard view transform, even if the scene uses AgX or Filmic",

@@ -146,6 +146,16 @@ class LIVEHAND_PT_performance(AdvancedTab, bpy.types.Panel):
         layout.operator("livehand.free_memory", icon="TRASH")
 
 
+class LIVEHAND_PT_origin(AdvancedTab, bpy.types.Panel):
+    """What finished pictures tell of the avatars that they show."""
+
+    bl_label = "Origin"
+
+    def draw(self, context):
+        """Draw the switch of the watermark."""
+        self.layout.prop(context.scene.livehand, "watermark")
+
+
 CLASSES = (
     LIVEHAND_PT_hand,
     LIVEHAND_PT_light,
@@ -154,6 +164,7 @@ CLASSES = (
     LIVEHAND_PT_shape,
     LIVEHAND_PT_match_plate,
     LIVEHAND_PT_performance,
+    LIVEHAND_PT_origin,
 )
 
 

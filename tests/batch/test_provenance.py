@@ -21,7 +21,7 @@ def test_a_record_has_the_camera_and_every_hand(tmp_path):
     avatar = tmp_path / "mine.safetensors"
     avatar.write_bytes(b"avatar")
     camera = Camera(np.diag([50.0, 50.0, 1.0]), np.eye(4), (4, 3))
-    hand = HandRecord(HandPose.rest("left"), "mine", avatar, "ab12")
+    hand = HandRecord(HandPose.rest("left"), "mine", avatar, "ab12", "CC0", "to all")
     version = replace(VERSION, avatars=frozenset([hashlib.sha256(b"avatar").hexdigest()]))
     record = frame_record(Path("wave.blend"), 7, (8, 6), camera, [hand], ("exr", "png"), version)
     save_record(record, tmp_path / "wave_0007.json")
@@ -43,7 +43,13 @@ def test_a_record_has_the_camera_and_every_hand(tmp_path):
                 "beta": [0.0] * 10,
                 "transl": [0.0] * 3,
                 "hand_sha256": "ab12",
-                "avatar": {"name": "mine", "path": str(avatar), "sha256": hashlib.sha256(b"avatar").hexdigest()},
+                "avatar": {
+                    "name": "mine",
+                    "path": str(avatar),
+                    "sha256": hashlib.sha256(b"avatar").hexdigest(),
+                    "licence": "CC0",
+                    "consent": "to all",
+                },
             }
         ],
         "formats": ["exr", "png"],

@@ -14,7 +14,7 @@ from livehand.backend.records.frame import DEPTH_BACKGROUND, Frame
 class FakeRenderer:
     """Colours every ray by its direction, and covers the disc around the hand's middle; no avatar, no torch."""
 
-    avatar = SimpleNamespace(name="fake")
+    avatar = SimpleNamespace(name="fake", provenance={"licence": "CC0", "consent": "to all"})
     is_relightable = False
     mean_albedo = None
     frames_at_once = 1

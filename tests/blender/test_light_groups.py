@@ -101,7 +101,7 @@ def lit_hand(light):
 
     camera = Camera(np.eye(3), np.eye(4), (2, 2))
     facts = {"hand": load_default_hand(), "is_relightable": True, "mean_albedo": None, "frames_at_once": 1}
-    avatar = SimpleNamespace(name="even")
+    avatar = SimpleNamespace(name="even", provenance={})
     renderer = SimpleNamespace(render=render, posed_surface=lambda shot: None, avatar=avatar, **facts)
     return HandTask(renderer, Shot(HandPose.rest(), np.zeros((1, 3)), camera, light))
 

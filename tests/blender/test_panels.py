@@ -244,7 +244,7 @@ def test_the_tab_is_avatar_pose_light_render_and_all_else_is_advanced():
     below = {one.bl_label for one in shown if getattr(one, "bl_parent_id", "") == "LIVEHAND_PT_advanced"}
     assert below == {
         "Shape", "Match Plate", "Performance", "Avatar Details", "Mesh Texture", "Motion", "Video", "Retarget",
-        "Custom Hand",
+        "Custom Hand", "Origin",
     }  # fmt: skip
     assert all("DEFAULT_CLOSED" in one.bl_options for one in shown if hasattr(one, "bl_parent_id"))
 

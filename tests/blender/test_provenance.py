@@ -70,6 +70,8 @@ def test_the_record_holds_what_the_renderer_got(shot_path, tmp_path, fake_sessio
                     "name": "fake",
                     "path": str(avatar),
                     "sha256": hashlib.sha256(b"avatar").hexdigest(),
+                    "licence": "CC0",
+                    "consent": "to all",
                 },
             }
         ]

@@ -126,3 +126,11 @@ def test_missing_files_and_full_places_are_named(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(LiveHandError, match="must be writable"):
         write_exr(tmp_path / "file" / "a.exr", channels_of(2, 2))
+
+
+def test_text_stands_in_the_header_and_changes_no_pixel(tmp_path):
+    path, written = tmp_path / "image.exr", channels_of(5, 7)
+    write_exr(path, written, {"LiveHand/Consent": "Zoë, this film"})
+    entry = "Zoë, this film".encode()
+    assert b"LiveHand/Consent\0string\0" + struct.pack("<i", len(entry)) + entry in path.read_bytes()
+    np.testing.assert_array_equal(read_exr(path)["R"], written["R"])

@@ -15,7 +15,7 @@ AVATAR, HAND = shipped_avatar_path(), builtin_hand_path()
 class RecordedRenderer:
     """A renderer that only keeps the arguments it was made with."""
 
-    avatar = SimpleNamespace(name="recorded")
+    avatar = SimpleNamespace(name="recorded", provenance={})
     is_relightable = False
     mean_albedo = None
     frames_at_once = 1

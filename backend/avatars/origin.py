@@ -1,0 +1,70 @@
+"""The origin of a picture: which avatar it shows, under which licence, and what its person agreed to."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from ..records.errors import LiveHandError
+from .metadata import THUMBNAIL_KEY, read_metadata
+
+_PAYLOAD_BYTES = 8
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What an avatar's pictures tell of it.
+
+    Attributes:
+        name: the avatar's.
+        licence: of the avatar, or empty.
+        consent: what its person agreed to, or empty.
+        payload: 8 bytes for a watermark: a hash of the avatar's weights and surface, of its hand and its licence.
+            Another thumbnail or other metrics in the same file do not change it.
+    """
+
+    name: str
+    licence: str
+    consent: str
+    payload: bytes
+
+
+def read_origin(path: Path) -> Origin:
+    """Read the origin that pictures of an avatar's file have.
+
+    Raises:
+        LiveHandError: the file is missing or not an avatar.
+    """
+    try:
+        stat = path.stat()
+    except OSError as error:
+        raise LiveHandError(f"no avatar at {path} ({error.strerror}); give an avatar's .safetensors file") from error
+    return _origin_of(path, stat.st_mtime_ns, stat.st_size)
+
+
+def joint_payload(payloads: Iterable[bytes]) -> bytes:
+    """Return the payload of a picture that shows several avatars: of one, its own; of more, a hash of all."""
+    different = sorted(set(payloads))
+    return different[0] if len(different) == 1 else _hash(*different)
+
+
+@lru_cache(maxsize=64)
+def _origin_of(path: Path, mtime_ns: int, size: int) -> Origin:
+    """Read the origin, once for a file of this time and size."""
+    from safetensors import safe_open
+
+    metadata = read_metadata(path)
+    digest = hashlib.sha256()
+    with safe_open(path, framework="numpy") as archive:
+        for name in sorted(set(archive.keys()) - {THUMBNAIL_KEY}):
+            digest.update(name.encode())
+            digest.update(archive.get_tensor(name).tobytes())
+    payload = _hash(digest.digest(), metadata.hand_sha256.encode(), metadata.licence.encode())
+    return Origin(metadata.name, metadata.licence, metadata.consent, payload)
+
+
+def _hash(*parts: bytes) -> bytes:
+    return hashlib.sha256(b"\0".join((b"livehand origin", *parts))).digest()[:_PAYLOAD_BYTES]
