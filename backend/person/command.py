@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..hand.model_file import DEFAULT_HAND, load_hand_model
 from ..records.errors import LiveHandError
 from ..records.side import SIDES
-from ..system.child_job import ChildJob, JobProgress, run_job
+from ..system.child_job import ChildJob, JobProgress, Report, run_job
 from ..system.command import Command
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     return making(args, _say)
 
 
-def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, Any]:
+def making(args: argparse.Namespace, report: Report) -> dict[str, Any]:
     """Make the avatar of the command's arguments; returns what the command reports.
 
     Raises:
@@ -65,7 +65,7 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
     model = load_hand_model(DEFAULT_HAND)
     steps = KeptSteps.beside(args.output, _inputs(args))
     try:
-        made, hand = _made(args, model, steps, log)
+        made, hand = _made(args, model, steps, report)
     except LiveHandError:
         steps.remove()  # the same pictures would fail again
         raise
@@ -104,10 +104,10 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
 
 
 def _made(
-    args: argparse.Namespace, model: HandModel, steps: KeptSteps, log: Callable[[str], None]
+    args: argparse.Namespace, model: HandModel, steps: KeptSteps, report: Report
 ) -> tuple[MadePerson, PicturedHand]:
     from .hand_size import check_length, sized
-    from .making import MakingOptions, person_of_pictures
+    from .making import MakingOptions, lines_of_making, person_of_pictures
     from .person_avatar import shipped_bases
     from .sources import PictureSource, pictured_hand
 
@@ -116,9 +116,35 @@ def _made(
     length_m = None if args.length_mm is None else args.length_mm / 1000
     if length_m is not None:
         check_length(length_m)
-    hand = pictured_hand(source, model, log, steps)
+    hand = pictured_hand(source, model, lambda line: report(JobProgress(line)), steps)
     hand = hand if length_m is None else sized(hand, model, length_m)
-    return person_of_pictures(shipped_bases(model), hand, MakingOptions(length_m=length_m), log, steps)
+    options = MakingOptions(length_m=length_m)
+    countdown = Countdown(report, lines_of_making(hand, options))
+    return person_of_pictures(shipped_bases(model), hand, options, countdown, steps)
+
+
+class Countdown:
+    """Reports lines of a work that tells so many, with the share that is done and about how long the rest takes.
+
+    Args:
+        report: is told each line.
+        lines: of the whole work.
+    """
+
+    def __init__(self, report: Report, lines: int):
+        self._report, self._lines, self._told = report, lines, 0
+        self._began_s = time.monotonic()
+
+    def __call__(self, line: str) -> None:
+        """Report the next line."""
+        self._told += 1
+        share = min(self._told / self._lines, 1.0)
+        left_s = (time.monotonic() - self._began_s) * (1 - share) / share
+        left = f", about {left_s / 60:.0f} min left" if left_s >= _A_MINUTE_S else ""
+        self._report(JobProgress(f"{line} ({share:.0%}{left})", share))
+
+
+_A_MINUTE_S = 45.0  # from which it is one
 
 
 def _inputs(args: argparse.Namespace) -> dict[str, object]:
@@ -136,10 +162,10 @@ def _figures_line(figures: PersonFigures) -> str:
     )
 
 
-def _say(line: str) -> None:
+def _say(progress: JobProgress) -> None:
     import sys
 
-    print(line, file=sys.stderr, flush=True)  # noqa: T201
+    print(progress.text, file=sys.stderr, flush=True)  # noqa: T201
 
 
 COMMAND = Command("person", "make an avatar of somebody's hand from pictures", _add_arguments, _run)
@@ -155,6 +181,6 @@ def run() -> None:
     parser = argparse.ArgumentParser(COMMAND.name)
     _add_arguments(parser)
     run_job(
-        lambda request, report: making(parser.parse_args(request), lambda line: report(JobProgress(line))),
+        lambda request, report: making(parser.parse_args(request), report),
         "the avatar needs more memory than is free; close other programs, or give fewer pictures",
     )

@@ -211,13 +211,27 @@ def person_of_pictures(
     if not hand.is_calibrated:
         early = replace(early, light_pictures=_EARLY_LIGHT_PICTURES)
     melanin = _FIRST_MELANIN
-    rounds = _CALIBRATED_REFITS if hand.is_calibrated else _EARLY_REFITS
-    for index, refits in enumerate(rounds if options.fits_poses else (0,)):
+    for index, refits in enumerate(_refits(hand, options)):
         base = shaped(bases.nearest(melanin), hand)
         round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
         hand, melanin = fitted.fitted(hand), fitted.melanin
     return made_person(shaped(bases.nearest(melanin), hand), hand, bases.family, options, log), hand
+
+
+def lines_of_making(hand: PicturedHand, options: MakingOptions) -> int:
+    """Count the lines that `person_of_pictures` logs."""
+    scenes = len({picture.scene for picture in hand.pictures})
+    refits = _refits(hand, options)
+    told = 0 if hand.is_calibrated else sum(refits)
+    return len(refits) * (scenes + 1) + told + scenes + options.rounds
+
+
+def _refits(hand: PicturedHand, options: MakingOptions) -> tuple[int, ...]:
+    """Return how often poses are fitted in each early round."""
+    if not options.fits_poses:
+        return (0,)
+    return _CALIBRATED_REFITS if hand.is_calibrated else _EARLY_REFITS
 
 
 def _early_round(

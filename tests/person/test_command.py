@@ -4,7 +4,7 @@ import argparse
 
 import numpy as np
 import pytest
-from livehand.backend.person import making, person_avatar, sources
+from livehand.backend.person import command, making, person_avatar, sources
 from livehand.backend.person.command import COMMAND, start_person
 from livehand.backend.person.kept_steps import PICTURED_HAND, KeptSteps, remove_work, work_folder
 from livehand.backend.records.camera import Camera
@@ -74,3 +74,15 @@ def test_a_canceled_job_leaves_nothing(tmp_path, pictured):
     job.wait()
     remove_work(output)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_lines_tell_the_share_and_the_time_that_is_left(monkeypatch):
+    now, told = [0.0], []
+    monkeypatch.setattr(command.time, "monotonic", lambda: now[0])
+    countdown = command.Countdown(told.append, 4)
+    for now[0] in (60.0, 120.0, 180.0, 240.0, 300.0):
+        countdown("a step")
+    assert [one.share for one in told] == [0.25, 0.5, 0.75, 1.0, 1.0]
+    assert told[0].text == "a step (25%, about 3 min left)"
+    assert told[2].text == "a step (75%, about 1 min left)"
+    assert told[3].text == "a step (100%)"

@@ -9,7 +9,7 @@ from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
-from livehand.backend.person.making import MakingOptions, made_person
+from livehand.backend.person.making import MakingOptions, lines_of_making, made_person
 from livehand.backend.person.person_avatar import person_avatar, shipped_bases
 from livehand.backend.person.refit import refitted
 from livehand.backend.person.review import held_out_figures, write_sheet
@@ -50,7 +50,11 @@ def hand(truth):
 @pytest.fixture(scope="module")
 def made(bases, hand):
     options = MakingOptions(resolution=256, rounds=1, with_flow=False, finds_lamps=False)
-    return made_person(bases.models[0.42], hand, bases.family, options)
+    told = []
+    made = made_person(bases.models[0.42], hand, bases.family, options, told.append)
+    # `person_of_pictures` makes an early one, too.
+    assert 2 * len(told) == lines_of_making(hand, replace(options, fits_poses=False))
+    return made
 
 
 def test_a_frame_is_the_sum_of_its_parts(truth, hand):
