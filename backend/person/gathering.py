@@ -86,8 +86,8 @@ def _sighting(
     px = place.px[visible]
     moved = px + bilinear(flow_px, px)
     usable, is_clipped = _usable(encoded, picture.labels)
-    weight, is_bound = np.zeros_like(place.weight), np.zeros(len(place.weight), bool)
-    log_ratio = np.zeros((len(weight), 3), np.float32)
+    weight, log_ratio = np.zeros_like(place.weight), np.zeros((len(place.weight), 3), np.float32)
+    is_bound = np.zeros(log_ratio.shape, bool)
     weight[visible] = place.weight[visible] * (bilinear(usable, moved) > 0.95)
     weight[visible] *= np.exp(-(bilinear(error_px, px) ** 2) / (2 * _FLOW_ERROR_PX**2))
     weight *= _sharpness(encoded, seen.is_seen)
