@@ -62,15 +62,15 @@ def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     dorsal = smoothstep(chart.height, -0.1, 0.6)
     fingers = chart.on_digit * dorsal
     knuckles = bump(joint[:, 0] - 1, 7.0) * bump(chart.lateral, 7.0) * (1 - chart.palm) * (chart.digit != THUMB)
-    of_joints = 0.55 * own[0] * bump(joint[:, 1], 5.5) + 0.45 * own[1] * bump(joint[:, 2], 4.5)
+    of_joints = 0.75 * own[0] * bump(joint[:, 1], 5.5) + 0.60 * own[1] * bump(joint[:, 2], 4.5)
     tips = smoothstep(chart.along - chart.length[chart.digit], -17.0, -5.0) * chart.on_digit
     thenar = bump(np.hypot((d - 34) / 24, (r - 24) / 15), 0.6)
     ulnar = smoothstep(-r, 20.0, 34.0) * smoothstep(d, -5.0, 18.0) * smoothstep(d, 84.0, 62.0)
     pads = bump(d - 80, 7.0) * smoothstep(np.abs(r), 40.0, 30.0)
     hollow = bump(np.hypot((d - 48) / 22, (r + 4) / 13), 0.6)
     on_palm = (1 - chart.on_digit) * chart.palm * (1 - chart.arm)
-    palm = on_palm * (0.40 * own[2] * thenar + 0.60 * own[3] * ulnar + 0.35 * own[4] * pads - 0.45 * own[5] * hollow)
-    back = 0.50 * own[6] * knuckles + fingers * of_joints + 0.55 * own[7] * tips
+    palm = on_palm * (0.45 * own[2] * thenar + 0.70 * own[3] * ulnar + 0.45 * own[4] * pads - 0.45 * own[5] * hollow)
+    back = 0.65 * own[6] * knuckles + fingers * of_joints + 0.70 * own[7] * tips
     web = 0.2 * bump(joint[:, 0] - 20, 7.0) * (1 - dorsal)
     points, mottle = chart.points_mm, 0.16
     patches = (
@@ -78,19 +78,16 @@ def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
         + mottle * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
         + 0.5 * mottle * noise.smooth(points[:, [2, 0, 1]], 5.0, 2)
     )
-    calm = 1 - 0.45 * chart.arm
-    return back + palm + web + calm * patches - 0.16
+    patches = np.where(patches < 0, 0.65, 1.1) * patches * (1 + 0.3 * chart.palm) * (1 - 0.45 * chart.arm)
+    return back + palm + web + patches - 0.20
 
 
 def _yellow(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     """Compute how much yellower [T]: patches, thick skin at the fingers' roots, and age."""
     d = plane(chart.points_mm)[:, 0]
     thick = chart.palm * (bump(d - 84, 6.0) * (1 - chart.on_digit) + 0.4 * chart.on_digit)
-    return (
-        (0.24 - 0.06 * chart.palm) * noise.smooth(chart.points_mm[:, [0, 2, 1]], 24.0, 2)
-        + 0.3 * thick
-        + 0.15 * look.aged
-    )
+    patches = noise.smooth(chart.points_mm[:, [0, 2, 1]], 24.0, 2)
+    return 0.12 * patches + 0.3 * thick + 0.15 * look.aged
 
 
 def _pigment(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
