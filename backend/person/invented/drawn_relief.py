@@ -128,7 +128,7 @@ def _dorsal_folds(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.n
         for order, strength in enumerate((0.2, 1.0, 0.6)):
             spacing, aspect, centre, ring = random.uniform((1.1, 0.12, -0.8, 0), (1.6, 0.24, 0.8, 1))
             if digit == THUMB:
-                strength = (0.0, 0.3, 0.9)[order]
+                strength = (0.0, 0.25, 0.7)[order]
             at = ((chart.digit == digit) & (np.abs(chart.from_joint_mm[:, order]) < 11)).nonzero()[0]
             along = chart.from_joint_mm[at, order] - centre
             across = chart.lateral[at]
