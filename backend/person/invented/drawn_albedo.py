@@ -7,32 +7,32 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...surface.shading_detail import FOLD_LOG_ALBEDO
 from .drawn_relief import DrawnRelief
 from .hand_chart import THUMB, HandChart, bump, smoothstep
 from .look import PersonLook
 from .skin_lines import PlaneImage, plane
 from .solid_noise import SolidNoise
 
-BLOOD = np.float32([-0.03, -0.40, -0.43])
-"""By which blood of 1 more changes the logarithm of albedo."""
-_YELLOW = np.float32([0.0, -0.05, -0.36])
-_VEIN = np.float32([-0.26, -0.06, 0.06])
-_BACK = np.float32([[0.590, 0.338, 0.232], [0.118, 0.0445, 0.0215]])  # of a light and of a deep skin
-_PALM = np.float32([[0.735, 0.500, 0.415], [0.455, 0.228, 0.131]])
-_ARM = np.float32([[0.500, 0.290, 0.195], [0.112, 0.042, 0.0205]])
+BLOOD = np.array([-0.03, -0.40, -0.43], np.float32)
+"""By which blood of 1 more changes the logarithm of albedo in places: less yellow than that of whole people."""
+_YELLOW = np.array([0.0, -0.05, -0.36], np.float32)
+_VEIN = np.array([-0.26, -0.06, 0.06], np.float32)
+_BACK = np.array([[0.590, 0.338, 0.232], [0.118, 0.0445, 0.0215]], np.float32)  # of a light and of a deep skin
+_PALM = np.array([[0.735, 0.500, 0.415], [0.455, 0.228, 0.131]], np.float32)
+_ARM = np.array([[0.500, 0.290, 0.195], [0.112, 0.042, 0.0205]], np.float32)
 _NAIL = {
-    "bed": np.float32([[0.705, 0.425, 0.350], [0.350, 0.185, 0.132]]),
-    "moon": np.float32([[0.760, 0.580, 0.510], [0.470, 0.330, 0.265]]),
-    "flush": np.float32([[0.620, 0.310, 0.260], [0.280, 0.130, 0.088]]),
-    "free": np.float32([[0.740, 0.650, 0.540], [0.600, 0.520, 0.420]]),
-    "cuticle": np.float32([[0.700, 0.465, 0.370], [0.180, 0.080, 0.045]]),
+    "bed": np.array([[0.705, 0.425, 0.350], [0.350, 0.185, 0.132]], np.float32),
+    "moon": np.array([[0.760, 0.580, 0.510], [0.470, 0.330, 0.265]], np.float32),
+    "flush": np.array([[0.620, 0.310, 0.260], [0.280, 0.130, 0.088]], np.float32),
+    "free": np.array([[0.740, 0.650, 0.540], [0.600, 0.520, 0.420]], np.float32),
+    "cuticle": np.array([[0.700, 0.465, 0.370], [0.180, 0.080, 0.045]], np.float32),
 }
-_SPOT = np.float32([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]])  # of a freckle at its darkest
-_COARSE_FOLD = np.float32(0.65)  # of the folds' colour: blurred to what networks resolve, all of it is too much
-_FOLD = np.float32([-0.45, -0.65, -0.60])
+_SPOT = np.array([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]], np.float32)  # of a freckle at its darkest
+_COARSE_FOLD = np.float32(0.65)  # of the folds' colour: blurred, all of it is too much
 _LEAST_BLOOD = -0.30  # against the mean: paler skin would be grey
-_MOON = np.float32([0.55, 0.5, 0.1, 0.3, 1.0])  # how large half-moons are, by digit
-_HALF_NAIL_MM = np.float32([5.5, 6.1, 5.6, 6.0, 7.2])  # from its middle to its free end, by digit
+_MOON = np.array([0.55, 0.5, 0.1, 0.3, 1.0], np.float32)  # how large half-moons are, by digit
+_HALF_NAIL_MM = np.array([5.5, 6.1, 5.6, 6.0, 7.2], np.float32)  # from its middle to its free end, by digit
 _BLOOD_PURPOSE, _SPOT_PURPOSE = 21, 22
 
 
@@ -44,16 +44,16 @@ def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, l
     skin = outer + palm * (_mixed(look, _PALM) - outer)
     blood = look.blood - 1 + _blood(chart, noise, look)
     skin = skin + blood[:, None] * BLOOD + _yellow(chart, noise, look)[:, None] * _YELLOW
-    skin = skin + _pigment(chart, noise, look)[:, None] * np.float32([-0.55, -0.8, -1.0])
+    skin = skin + _pigment(chart, noise, look)[:, None] * np.array([-0.55, -0.8, -1.0], np.float32)
     skin = skin + (_vein(chart, veins) * (1 - 0.75 * min(look.tone, 1.0)))[:, None] * _VEIN
     skin = skin + _spots(chart, look)[:, None] * _mixed_linear(look, _SPOT)
-    skin = skin + relief.furrow[:, None] * np.float32([-0.10, -0.16, -0.18])
+    skin = skin + relief.furrow[:, None] * np.array([-0.10, -0.16, -0.18], np.float32)
     return _with_nails(chart, relief.nail_rim, noise, look, skin)
 
 
 def fold_log_albedo(dorsal: np.ndarray, palmar: np.ndarray) -> np.ndarray:
     """Compute by how much [T, 3] folds are darker than the skin beside them."""
-    return (dorsal + palmar)[:, None] * (_COARSE_FOLD * _FOLD)
+    return (dorsal + palmar)[:, None] * (_COARSE_FOLD * np.array(FOLD_LOG_ALBEDO, np.float32))
 
 
 def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
@@ -143,7 +143,7 @@ def _with_nails(chart: HandChart, rim: np.ndarray, noise: SolidNoise, look: Pers
     free = 1 - (look.nails + 0.25) / half_mm - 0.16 * across**2
     nail = _towards(nail, colours["flush"], 0.6 * bump(along - free + 0.10, 0.07))
     nail = _towards(nail, colours["free"], 0.9 * smoothstep(along - free + 0.02 * streaks, -0.03, 0.03))
-    nail = nail + np.float32(0.5 * look.aged) * (0.3 * _YELLOW + np.float32([-0.06, -0.06, -0.06]))
+    nail = nail + np.float32(0.5 * look.aged) * (0.3 * _YELLOW + np.array([-0.06, -0.06, -0.06], np.float32))
     cuticle = smoothstep(near, 0.90, 0.97) * smoothstep(along, 0.0, -0.5)
     nail = _towards(nail, colours["cuticle"], 0.6 * cuticle)
     flesh = skin[at] + (bump(near - 1.12, 0.08) * smoothstep(along, 1.1, 0.7) * 0.35)[:, None] * BLOOD
