@@ -15,7 +15,7 @@ CPU_TORCH ?=
 BPY_WANTED := bpy>=4.2
 TORCH_WANTED := $(shell sed -n 's/^ *"\(torch[<>=][^"]*\)".*/\1/p' pyproject.toml)
 # The other versions of Blender that have a module: for Python 3.11, and for 3.13 where that is installed.
-OTHER_BLENDERS := 4.2 5.0 $(if $(shell python3.13 -c 0 2> /dev/null && echo yes),5.2)
+OTHER_BLENDERS := 4.2 5.0 $(if $(shell python3.13 -c 0 2> /dev/null && echo yes),5.2 5.3)
 # A demo with another avatar: make demo AVATAR=deep, or AVATAR=my.safetensors
 AVATAR ?=
 # Test processes; each takes whole files of tests. 0: all in one process, for a debugger.

@@ -1,1 +1,1 @@
-"""A real person's hand from pictures: poses, light and skin, by an avatar's networks and a surface of one's own."""
+"""A person's hand from pictures, or from numbers, by a base's networks and a surface of one's own."""

@@ -75,7 +75,9 @@ def _look(*_) -> None:
     if armature is not None and armature.mode == "POSE" and has_fingertip_targets(armature):
         bones = [bone.name for bone in bpy.context.selected_pose_bones or ()]
         if not _is_transforming():
-            return fetch_targets(bpy.context, RiggedHand.of(armature), bones)
+            if not _is_playing():  # it would evaluate each frame a second time
+                fetch_targets(bpy.context, RiggedHand.of(armature), bones)
+            return
         _Move.grabbed, _Move.last_operation = grab_targets(RiggedHand.of(armature), bones), _last_operation()
         if _Move.grabbed:
             bpy.app.timers.register(_wait, first_interval=_INTERVAL_S)
@@ -99,6 +101,11 @@ def _is_transforming() -> bool:
     return any(
         operator.bl_idname.startswith("TRANSFORM_OT_") for window in windows for operator in window.modal_operators
     )
+
+
+def _is_playing() -> bool:
+    screen = bpy.context.screen
+    return screen is not None and screen.is_animation_playing
 
 
 _WATCHED = (("depsgraph_update_post", _look),)

@@ -7,30 +7,32 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...surface.shading_detail import FOLD_LOG_ALBEDO
 from .drawn_relief import DrawnRelief
 from .hand_chart import THUMB, HandChart, bump, smoothstep
 from .look import PersonLook
 from .skin_lines import PlaneImage, plane
 from .solid_noise import SolidNoise
 
-BLOOD = np.float32([-0.03, -0.40, -0.43])
-"""By which blood of 1 more changes the logarithm of albedo."""
-_YELLOW = np.float32([0.0, -0.05, -0.36])
-_VEIN = np.float32([-0.26, -0.06, 0.06])
-_BACK = np.float32([[0.590, 0.338, 0.232], [0.118, 0.0445, 0.0215]])  # of a light and of a deep skin
-_PALM = np.float32([[0.735, 0.500, 0.415], [0.455, 0.228, 0.131]])
-_ARM = np.float32([[0.500, 0.290, 0.195], [0.112, 0.042, 0.0205]])
+BLOOD = np.array([-0.03, -0.40, -0.43], np.float32)
+"""By which blood of 1 more changes the logarithm of albedo in places: less yellow than that of whole people."""
+_YELLOW = np.array([0.0, -0.05, -0.36], np.float32)
+_VEIN = np.array([-0.26, -0.06, 0.06], np.float32)
+_BACK = np.array([[0.590, 0.338, 0.232], [0.118, 0.0445, 0.0215]], np.float32)  # of a light and of a deep skin
+_PALM = np.array([[0.735, 0.500, 0.415], [0.455, 0.228, 0.131]], np.float32)
+_ARM = np.array([[0.500, 0.290, 0.195], [0.112, 0.042, 0.0205]], np.float32)
 _NAIL = {
-    "bed": np.float32([[0.700, 0.420, 0.360], [0.350, 0.185, 0.132]]),
-    "moon": np.float32([[0.760, 0.580, 0.510], [0.470, 0.330, 0.265]]),
-    "flush": np.float32([[0.620, 0.310, 0.260], [0.280, 0.130, 0.088]]),
-    "free": np.float32([[0.800, 0.730, 0.620], [0.600, 0.520, 0.420]]),
-    "cuticle": np.float32([[0.700, 0.465, 0.370], [0.180, 0.080, 0.045]]),
+    "bed": np.array([[0.705, 0.425, 0.350], [0.350, 0.185, 0.132]], np.float32),
+    "moon": np.array([[0.760, 0.580, 0.510], [0.470, 0.330, 0.265]], np.float32),
+    "flush": np.array([[0.620, 0.310, 0.260], [0.280, 0.130, 0.088]], np.float32),
+    "free": np.array([[0.740, 0.650, 0.540], [0.600, 0.520, 0.420]], np.float32),
+    "cuticle": np.array([[0.700, 0.465, 0.370], [0.180, 0.080, 0.045]], np.float32),
 }
-_SPOT = np.float32([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]])  # of a freckle at its darkest
-_FOLD = np.float32([-0.45, -0.65, -0.60])
-_MOON = np.float32([0.55, 0.5, 0.1, 0.3, 1.0])  # how large half-moons are, by digit
-_HALF_NAIL_MM = np.float32([5.5, 6.1, 5.6, 6.0, 7.2])  # from its middle to its free end, by digit
+_SPOT = np.array([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]], np.float32)  # of a freckle at its darkest
+_COARSE_FOLD = np.float32(0.65)  # of the folds' colour: blurred, all of it is too much
+_LEAST_BLOOD = -0.30  # against the mean: paler skin would be grey
+_MOON = np.array([0.55, 0.5, 0.1, 0.3, 1.0], np.float32)  # how large half-moons are, by digit
+_HALF_NAIL_MM = np.array([5.5, 6.1, 5.6, 6.0, 7.2], np.float32)  # from its middle to its free end, by digit
 _BLOOD_PURPOSE, _SPOT_PURPOSE = 21, 22
 
 
@@ -42,16 +44,16 @@ def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, l
     skin = outer + palm * (_mixed(look, _PALM) - outer)
     blood = look.blood - 1 + _blood(chart, noise, look)
     skin = skin + blood[:, None] * BLOOD + _yellow(chart, noise, look)[:, None] * _YELLOW
-    skin = skin + _pigment(chart, noise, look)[:, None] * np.float32([-0.55, -0.8, -1.0])
+    skin = skin + _pigment(chart, noise, look)[:, None] * np.array([-0.55, -0.8, -1.0], np.float32)
     skin = skin + (_vein(chart, veins) * (1 - 0.75 * min(look.tone, 1.0)))[:, None] * _VEIN
     skin = skin + _spots(chart, look)[:, None] * _mixed_linear(look, _SPOT)
-    skin = skin + relief.furrow[:, None] * np.float32([-0.10, -0.16, -0.18])
+    skin = skin + relief.furrow[:, None] * np.array([-0.10, -0.16, -0.18], np.float32)
     return _with_nails(chart, relief.nail_rim, noise, look, skin)
 
 
 def fold_log_albedo(dorsal: np.ndarray, palmar: np.ndarray) -> np.ndarray:
     """Compute by how much [T, 3] folds are darker than the skin beside them."""
-    return (dorsal + palmar)[:, None] * _FOLD
+    return (dorsal + palmar)[:, None] * (_COARSE_FOLD * np.array(FOLD_LOG_ALBEDO, np.float32))
 
 
 def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
@@ -62,35 +64,33 @@ def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     dorsal = smoothstep(chart.height, -0.1, 0.6)
     fingers = chart.on_digit * dorsal
     knuckles = bump(joint[:, 0] - 1, 7.0) * bump(chart.lateral, 7.0) * (1 - chart.palm) * (chart.digit != THUMB)
-    of_joints = 0.55 * own[0] * bump(joint[:, 1], 5.5) + 0.45 * own[1] * bump(joint[:, 2], 4.5)
+    of_joints = 0.95 * own[0] * bump(joint[:, 1], 5.5) + 0.75 * own[1] * bump(joint[:, 2], 4.5)
     tips = smoothstep(chart.along - chart.length[chart.digit], -17.0, -5.0) * chart.on_digit
     thenar = bump(np.hypot((d - 34) / 24, (r - 24) / 15), 0.6)
     ulnar = smoothstep(-r, 20.0, 34.0) * smoothstep(d, -5.0, 18.0) * smoothstep(d, 84.0, 62.0)
     pads = bump(d - 80, 7.0) * smoothstep(np.abs(r), 40.0, 30.0)
     hollow = bump(np.hypot((d - 48) / 22, (r + 4) / 13), 0.6)
     on_palm = (1 - chart.on_digit) * chart.palm * (1 - chart.arm)
-    palm = on_palm * (0.40 * own[2] * thenar + 0.60 * own[3] * ulnar + 0.35 * own[4] * pads - 0.45 * own[5] * hollow)
-    back = 0.50 * own[6] * knuckles + fingers * of_joints + 0.55 * own[7] * tips
+    palm = on_palm * (0.45 * own[2] * thenar + 0.70 * own[3] * ulnar + 0.45 * own[4] * pads - 0.30 * own[5] * hollow)
+    back = 0.90 * own[6] * knuckles + fingers * of_joints + 0.90 * own[7] * tips
     web = 0.2 * bump(joint[:, 0] - 20, 7.0) * (1 - dorsal)
-    points, mottle = chart.points_mm, 0.16
+    points, mottle = chart.points_mm, 0.13
     patches = (
-        0.20 * noise.smooth(points, 42.0, 1)
+        0.22 * noise.smooth(points, 42.0, 1)
         + mottle * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
         + 0.5 * mottle * noise.smooth(points[:, [2, 0, 1]], 5.0, 2)
     )
-    calm = 1 - 0.45 * chart.arm
-    return back + palm + web + calm * patches - 0.16
+    calm = 1 - 0.65 * smoothstep(d, 22.0, -25.0)
+    patches = np.where(patches < 0, 0.65, 1.1) * patches * (1 + 0.4 * chart.palm) * calm
+    return np.maximum(back + palm + web + patches - 0.14, _LEAST_BLOOD)
 
 
 def _yellow(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     """Compute how much yellower [T]: patches, thick skin at the fingers' roots, and age."""
     d = plane(chart.points_mm)[:, 0]
     thick = chart.palm * (bump(d - 84, 6.0) * (1 - chart.on_digit) + 0.4 * chart.on_digit)
-    return (
-        (0.24 - 0.06 * chart.palm) * noise.smooth(chart.points_mm[:, [0, 2, 1]], 24.0, 2)
-        + 0.3 * thick
-        + 0.15 * look.aged
-    )
+    patches = noise.smooth(chart.points_mm[:, [0, 2, 1]], 24.0, 2)
+    return 0.16 * patches + 0.3 * thick + 0.15 * look.aged
 
 
 def _pigment(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
@@ -143,7 +143,7 @@ def _with_nails(chart: HandChart, rim: np.ndarray, noise: SolidNoise, look: Pers
     free = 1 - (look.nails + 0.25) / half_mm - 0.16 * across**2
     nail = _towards(nail, colours["flush"], 0.6 * bump(along - free + 0.10, 0.07))
     nail = _towards(nail, colours["free"], 0.9 * smoothstep(along - free + 0.02 * streaks, -0.03, 0.03))
-    nail = nail + np.float32(0.5 * look.aged) * (0.3 * _YELLOW + np.float32([-0.06, -0.06, -0.06]))
+    nail = nail + np.float32(0.5 * look.aged) * (0.3 * _YELLOW + np.array([-0.06, -0.06, -0.06], np.float32))
     cuticle = smoothstep(near, 0.90, 0.97) * smoothstep(along, 0.0, -0.5)
     nail = _towards(nail, colours["cuticle"], 0.6 * cuticle)
     flesh = skin[at] + (bump(near - 1.12, 0.08) * smoothstep(along, 1.1, 0.7) * 0.35)[:, None] * BLOOD

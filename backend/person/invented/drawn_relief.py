@@ -17,7 +17,7 @@ from .solid_noise import SolidNoise
 
 RIDGE_MM, _RIDGE_DEEP_MM = 0.48, 0.011
 _CELL_MM = (0.55, 0.85, 0.85), (1.3, 2.1, 2.1)  # along and across the digits
-_CELL_DEEP_MM = (0.030, 0.034), (0.016, 0.075)  # of the young, and what age adds
+_CELL_DEEP_MM = (0.036, 0.034), (0.019, 0.075)  # of the young, and what age adds
 _HALF_FURROW = 0.16, 0.10  # of a cell
 _PAD_FROM_TIP_MM = 10.0
 _RELIEF, _FOLDS, _PALM = 11, 12, 13  # purposes of random numbers
@@ -126,16 +126,16 @@ def _dorsal_folds(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.n
     breaks = smoothstep(noise.smooth(chart.points_mm[:, [2, 1, 0]], 3.5, 2), -1.3, 0.5)
     for digit in range(5):
         for order, strength in enumerate((0.2, 1.0, 0.6)):
-            spacing, aspect, centre, ring = random.uniform((1.25, 0.22, -0.8, 0), (1.75, 0.38, 0.8, 1))
+            spacing, aspect, centre, ring = random.uniform((1.1, 0.12, -0.8, 0), (1.6, 0.24, 0.8, 1))
             if digit == THUMB:
-                strength = (0.0, 0.3, 0.9)[order]
+                strength = (0.0, 0.25, 0.7)[order]
             at = ((chart.digit == digit) & (np.abs(chart.from_joint_mm[:, order]) < 11)).nonzero()[0]
             along = chart.from_joint_mm[at, order] - centre
             across = chart.lateral[at]
             oval = np.hypot(along, aspect * across) if order else along
-            wander = oval + np.float32(0.42) * bend[at] + np.float32(ring)
+            wander = oval + np.float32(0.17) * bend[at] + np.float32(ring)
             crown = np.abs(np.sin(np.pi * wander / np.float32(spacing)))
-            line = (1 - crown) ** 2.0
+            line = (1 - crown) ** 2.2
             radial = (1 - np.abs(np.sin(3.2 * across + 1.3 * bend[at]))) ** 3 * bump(oval - 3.5, 1.6) * 0.35
             width = (4.6, 3.9, 2.7)[order] * (1.25 if digit == THUMB else 1.0)
             place = smoothstep(chart.height[at], 0.35, 0.8) * bump(along, width) * chart.on_digit[at].clip(0.4, 1)

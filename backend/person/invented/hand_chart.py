@@ -69,7 +69,7 @@ class HandChart:
         """Read the chart at the vertices of the detail surface."""
         count = len(template.offset_m)
         corners = np.repeat(np.arange(count)[:, None], 3, 1)
-        return cls._of(template, corners, np.tile(np.float32([1, 0, 0]), (count, 1)), chart_arrays())
+        return cls._of(template, corners, np.tile(np.array([1, 0, 0], np.float32), (count, 1)), chart_arrays())
 
     @classmethod
     def _of(

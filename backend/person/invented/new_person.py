@@ -18,13 +18,14 @@ from ...render.albedo import FIELD_RESOLUTION, network_albedo
 from ...render.thumbnail import with_thumbnail
 from ...surface.albedo_ratio import RATIO_ARRAY, ratio_steps
 from ...surface.base_surface import base_arrays, base_sha256
-from ...surface.hair_growth import REGIONS
+from ...surface.hair_growth import REGIONS, HairRegion
 from ...surface.stored_surface import StoredSurface
 from .drawing import AtlasSizes, drawn_person
 from .look import PersonLook
 
 MADE_BY = "livehand new-person"
 _LEAST_ALBEDO = 0.003
+_DENSER, _THINNER = 1.8, 0.65  # hairs, against those of the base
 
 
 def new_person(
@@ -49,10 +50,7 @@ def new_person(
     drawn = drawn_person(hand, look, base_arrays(), sizes)
     log("comparing with the base's colors")
     ratio = albedo_ratio_arrays(drawn.log_albedo, network_albedo(base, hand, FIELD_RESOLUTION))
-    regions = {
-        region: grows._replace(per_m2=grows.per_m2 * look.hair, radius_m=grows.radius_m * (1 - 0.25 * look.aged))
-        for region, grows in REGIONS.items()
-    }
+    regions = {region: _grown(grows, look) for region, grows in REGIONS.items()}
     surface = StoredSurface(hand.sha256, look.person(), {**drawn.arrays, **ratio}, base_sha256(), regions)
     avatar = replace(base, name=name, surface=surface, provenance=_provenance(base, look), metrics={}, thumbnail=None)
     log("rendering the thumbnail")
@@ -71,6 +69,12 @@ def albedo_ratio_arrays(log_albedo: np.ndarray, network_albedo: np.ndarray) -> d
     shown = torch.as_tensor(np.log(network_albedo.clip(_LEAST_ALBEDO))).permute(2, 0, 1)[None].float()
     shown = interpolate(shown, size=size, mode="bilinear")[0].permute(1, 2, 0)
     return {RATIO_ARRAY: ratio_steps(torch.as_tensor(log_albedo) - shown).numpy()}
+
+
+def _grown(region: HairRegion, look: PersonLook) -> HairRegion:
+    """Return how a person's hairs grow: more and thinner ones than the base's, which are those of its captures."""
+    radius_m = region.radius_m * _THINNER * (1 - 0.2 * look.aged)
+    return region._replace(per_m2=region.per_m2 * _DENSER * look.hair, radius_m=radius_m)
 
 
 def _melanin(avatar: Avatar) -> float:

@@ -31,7 +31,7 @@ class PlaneImage(NamedTuple):
 
     def at(self, points_mm: np.ndarray) -> np.ndarray:
         """Sample it, bilinear, at points [T, 3] of the template, mm; 0 beside it."""
-        at = (plane(points_mm) - np.float32(self.start_mm)) / np.float32(self.texel_mm)
+        at = (plane(points_mm) - np.array(self.start_mm, np.float32)) / np.float32(self.texel_mm)
         first = np.floor(at).astype(np.int32)
         row, column = first.T
         down, right = (at - first).T

@@ -69,12 +69,12 @@ class SolidNoise:
 
     def cells(self, points_mm: np.ndarray, size_mm: tuple[float, float, float]) -> Cells:
         """Find the nearest of points that are scattered so far apart along the axes."""
-        at = points_mm / np.float32(size_mm) + self.start
+        at = points_mm / np.array(size_mm, np.float32) + self.start
         first = np.floor(at - np.float32(0.5)).astype(np.int32)
         nearest, second = (np.full(len(at), 9, np.float32) for _ in range(2))
         chance = np.zeros((len(at), 3), np.float32)
         for corner in _CORNERS:
-            cell = first + np.int32(corner)
+            cell = first + np.array(corner, np.int32)
             own = self.points[tuple((cell & (_SIZE - 1)).T)]
             place = cell + np.float32(0.5 - _JITTER / 2) + np.float32(_JITTER) * own
             distance = np.sqrt(((at - place) ** 2).sum(1))
