@@ -132,13 +132,13 @@ class Countdown:
     """
 
     def __init__(self, report: Report, lines: int):
-        self._report, self._lines, self._told = report, lines, 0
+        self._report, self._lines, self._count = report, lines, 0
         self._began_s = time.monotonic()
 
     def __call__(self, line: str) -> None:
         """Report the next line."""
-        self._told += 1
-        share = min(self._told / self._lines, 1.0)
+        self._count += 1
+        share = min(self._count / self._lines, 1.0)
         left_s = (time.monotonic() - self._began_s) * (1 - share) / share
         left = f", about {left_s / 60:.0f} min left" if left_s >= _A_MINUTE_S else ""
         self._report(JobProgress(f"{line} ({share:.0%}{left})", share))
