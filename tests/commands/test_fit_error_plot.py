@@ -14,6 +14,7 @@ def fit_of(fit_error, is_keyed, start_s):
     return TakeFit(motion, start_s, np.array(is_keyed, bool), np.array(fit_error), 0)
 
 
+@pytest.mark.slow
 def test_a_panel_a_hand_with_its_gaps(tmp_path):
     pytest.importorskip("matplotlib")
     fits = {

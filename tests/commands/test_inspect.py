@@ -103,6 +103,7 @@ def test_the_command_prints_facts_or_json(capsys):
     assert err.startswith("livehand inspect: nothing to inspect at nowhere")
 
 
+@pytest.mark.slow
 def test_pose_files_of_other_formats(tmp_path):
     (tmp_path / "take.json").write_text(json.dumps(np.zeros((2, 48)).tolist()))
     facts = inspect(tmp_path / "take.json")

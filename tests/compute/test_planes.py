@@ -97,6 +97,7 @@ def both_ways(plane, uv, height, fade):
     return gradients(plane, by_kernels, uv, height, fade), gradients(plane, plane, uv, height, fade)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", PLANES)
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_gradients_are_torchs(sizes, dtype):

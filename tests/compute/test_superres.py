@@ -94,6 +94,7 @@ def test_int8_rounds_as_256_steps_of_every_layer_must(kind, shape):
     assert (ours - exact).square().mean().sqrt() <= 0.02 * max(exact.std(), 0.05)
 
 
+@pytest.mark.slow
 @needs_int8_products
 def test_int8_sums_are_exact():
     """Weights and values that int8 holds: nothing but the sums' own order is left to differ."""

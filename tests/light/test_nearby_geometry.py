@@ -131,6 +131,7 @@ def seen():
     return patches, PointShadows(lit, torch.zeros_like(lit)), emitted, points
 
 
+@pytest.mark.slow
 def test_both_backends_agree(backend_pair, seen):
     for ours, theirs in zip(*(backend.near_field_light(*seen) for backend in backend_pair), strict=True):
         assert theirs.abs().max() > 0

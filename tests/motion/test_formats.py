@@ -328,6 +328,7 @@ def test_a_left_hands_mirroring_is_told_by_its_fingers(tmp_path, layout, is_mirr
     assert not bends_backwards(motion.theta, "left")
 
 
+@pytest.mark.slow
 def test_a_hand_of_no_side_is_that_like_which_its_fingers_bend(tmp_path):
     for side, stored in (("right", natural()), ("left", natural() * MIRROR)):
         np.save(tmp_path / "take.npy", stored.reshape(12, 48))
@@ -341,6 +342,7 @@ def test_a_hand_of_no_side_is_that_like_which_its_fingers_bend(tmp_path):
     same_turns(opened(tmp_path / "left_take.npy", side="left").motion().theta, natural() * MIRROR)
 
 
+@pytest.mark.slow
 def test_files_of_one_frame_each_are_one_hands(tmp_path):
     """The flat ones among them would be taken for a right hand's."""
     for number, theta in enumerate(np.concatenate([0 * natural(3), natural(9) * MIRROR])):

@@ -65,6 +65,7 @@ def test_a_joint_beyond_its_limits_is_named_even_in_one_frame(hand):
     assert always == "index2 bend up to 30 degrees beyond what a hand can"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_a_mirrored_hand_bends_backwards(hand, side):
     own = closing() * (1 if side == "right" else MIRROR_AXIS_ANGLE)

@@ -245,6 +245,7 @@ def test_a_joint_that_is_missing_leaves_its_own_gap():
     assert guess_joints(skeleton(bones)).missing == ("index2",)
 
 
+@pytest.mark.slow
 def test_six_fingers_are_not_five():
     names, _, _ = CONVENTIONS["Mixamo"]
     bones = hand_bones(names) + [(f"mixamorig:RightHandExtra{k}", "mixamorig:RightHand", (0, 0, 0)) for k in (1, 2, 3)]

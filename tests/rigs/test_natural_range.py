@@ -16,6 +16,7 @@ def bent(joint, flexion=0.0, abduction=0.0, twist=0.0):
     return theta_of(angles, AXES, np.array([0.3, -0.2, 0.1]))[None]
 
 
+@pytest.mark.slow
 def test_gestures_are_natural(hand):
     thetas = np.array([theta_of(gesture.angles_deg(), AXES) for gesture in GESTURES.values()])
     assert is_natural(hand, HandMotion(thetas, np.zeros(10), np.zeros((len(thetas), 3))))

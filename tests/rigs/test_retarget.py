@@ -242,6 +242,7 @@ def test_without_tips_a_tail_shows_the_way_and_a_nonsense_tail_does_not(hand):
     np.testing.assert_allclose(straight.rotations[[1, 2, 14]], truth.rotations[[1, 2, 14]], atol=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_a_known_shape_and_size_are_found(hand, seed):
     rng = np.random.default_rng(seed)
@@ -298,6 +299,7 @@ def test_joints_in_one_place_and_poses_that_are_not_finite_are_refused(hand):
         SourceMotion(good.frames[:, :15], good.wrists, None, "right")
 
 
+@pytest.mark.slow
 def test_a_size_in_another_unit_is_guessed(hand):
     rest, *_ = ours_elsewhere("right", 1)
     for factor, words in ((0.01, "scaled by 100 it would be one"), (39.37, "scaled by 0.0254 it would be one")):

@@ -108,6 +108,7 @@ def test_an_archive_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
         take_files(PACKAGE, path)
 
 
+@pytest.mark.slow
 def test_pip_takes_an_archive_of_the_pinned_sha256_alone(tmp_path, monkeypatch):
     """A wheel in a folder instead of an index: the right one is taken, one byte more is refused."""
     name = "livehand_no_such_package-1.0"

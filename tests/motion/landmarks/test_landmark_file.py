@@ -227,6 +227,7 @@ def test_joints_that_name_their_side_themselves(tmp_path):
     np.testing.assert_allclose(file.with_changes(side="left").points, both_hands()["Left"])
 
 
+@pytest.mark.slow
 def test_a_hand_that_comes_late_begins_late(tmp_path):
     pose = HandSkeleton.of(load_default_hand()).rest[list(NODES_OF_LANDMARKS)]
     first, second = ({"handedness": side, "world_landmarks": pose.tolist()} for side in ("Left", "Right"))

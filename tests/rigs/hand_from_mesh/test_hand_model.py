@@ -54,6 +54,7 @@ def rig(side="right", scale=1.0):
     return surface, skeleton, JointMap(side, JOINT_NAMES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_the_built_in_hand_round_trip(side, tmp_path):
     hand = load_hand_model(TEMPLATE).for_side(side)
