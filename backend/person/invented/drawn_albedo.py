@@ -121,7 +121,7 @@ def _spots(chart: HandChart, look: PersonLook) -> np.ndarray:
         (12.0, 0.2, 2.2, (0.5, 1.0)),
     )
     for index, (size, share, strength, (least, most)) in enumerate(kinds):
-        cells = noise.cells(points + np.float32(31.7 * index), (size,) * 3)
+        cells = noise.cells(points + np.float32(31.7 * index), (size, size, size))
         radius = least + (most - least) * cells.chance[:, 1] ** 2
         inside = smoothstep(size * cells.distance / radius + edge, 1.15, 0.6)
         present = cells.chance[:, 0] < share * (sun if index < 2 else 1)

@@ -77,7 +77,7 @@ class PersonLook:
         Raises:
             LiveHandError: one is no number, or beyond its limits.
         """
-        if not isinstance(seed, int) or not 0 <= seed <= MOST_SEED:
+        if not 0 <= seed <= MOST_SEED:
             raise LiveHandError(f"the seed must be a whole number from 0 to {MOST_SEED}, got {seed!r}")
         numbers = {name: checked_number(name, value) for name, value in given.items() if value is not None}
         return cls(seed, **{**_drawn(seed, numbers), **numbers})
@@ -117,7 +117,7 @@ def numbers_of_age(age: float) -> dict[str, float]:
 def checked_number(name: str, value: float) -> float:
     """Return one of `NUMBERS`; raises LiveHandError if it is no number, or beyond its limits."""
     spec = NUMBERS[name]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if not math.isfinite(value):
         raise LiveHandError(
             f"{name} must be a number from {spec.low:g} to {spec.high:g} ({spec.meaning}), got {value!r}"
         )

@@ -91,7 +91,7 @@ def palm_creases(random: np.random.Generator, minor: int) -> PlaneImage:
     """Draw the creases of a palm and wrist: long curves with branches, and so many short lines between them."""
     strokes = []
     for points, strength, width_mm in _PALM:
-        main = _stroke(_moved(points, random, 2.4), random, strength, width_mm, wiggle_mm=0.5)
+        main = _stroke(_moved(points, random, 2.8), random, strength, width_mm, wiggle_mm=0.5)
         strokes.append(main)
         if strength > _DEEP_FROM:
             strokes += [_branch(main, random) for _ in range(random.integers(4, 9))]
@@ -104,7 +104,7 @@ def veins(random: np.random.Generator) -> PlaneImage:
     strokes = []
     for index, (points, width_mm) in enumerate(_VEINS):
         if index < _ALWAYS or random.random() < _CHANCE:
-            strokes.append(_stroke(_moved(points, random, 4.0), random, 1.0, width_mm, wiggle_mm=1.6, fade_mm=12.0))
+            strokes.append(_stroke(_moved(points, random, 3.5), random, 1.0, width_mm, wiggle_mm=1.6, fade_mm=12.0))
     trunks = [stroke for stroke in strokes if len(stroke.points) > 1]
     for _ in range(random.integers(4, 9)):
         start = trunks[random.integers(len(trunks))]
@@ -113,7 +113,7 @@ def veins(random: np.random.Generator) -> PlaneImage:
 
 
 def _moved(points: Points, random: np.random.Generator, deviation_mm: float) -> np.ndarray:
-    return np.array(points) + random.normal(0, deviation_mm, 2) + random.normal(0, deviation_mm, (len(points), 2))
+    return np.array(points) + random.normal(0, 1.5 * deviation_mm, 2) + random.normal(0, deviation_mm, (len(points), 2))
 
 
 def _stroke(

@@ -20,9 +20,9 @@ def shared(first, second):
 
 
 def free_of_joints(chart):
-    """Where no joint folds and no nail ends: what is there is a person's own."""
-    joint = np.abs(chart.from_joint_mm).min(1)
-    return ~((chart.on_digit > 0.05) & (joint < 6)) & (nail_shape(chart).rim > 1.4)
+    """Where no joint folds, no nail ends and no palm begins: what is there is a person's own."""
+    joint, is_border = np.abs(chart.from_joint_mm).min(1), (chart.palm > 0.05) & (chart.palm < 0.95)
+    return ~((chart.on_digit > 0.05) & (joint < 6)) & ~is_border & (nail_shape(chart).rim > 1.4)
 
 
 def test_two_people_share_no_relief(chart, texels, people):
