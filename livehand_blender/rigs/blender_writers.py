@@ -45,6 +45,7 @@ def _gltf(path: str) -> None:
         export_animation_mode="ACTIVE_ACTIONS",
         export_optimize_animation_size=False,
         export_all_influences=True,
+        export_tangents=True,
     )
 
 

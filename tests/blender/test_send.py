@@ -118,8 +118,8 @@ def test_what_was_sent_comes_back(other_rigs, model, fits_shape):
     assert (found.frames, found.bones) == (6, 16 + 1 + 4)
     assert apart_deg(before.theta, after.theta).max() < MOST_DEG
     assert apart_deg(before.forearms, after.forearms).max() < MOST_DEG
-    if not fits_shape:
-        np.testing.assert_allclose(after.transl, before.transl, atol=MOST_M)
+    if not fits_shape:  # the wrists' joints lie 0.6 mm apart at rest
+        np.testing.assert_allclose(after.transl, before.transl, atol=MOST_M / 10)
 
 
 @pytest.mark.parametrize("kind", NAMES)

@@ -65,8 +65,8 @@ def _hand(document: Document, side: Side, about: Any, frames: Sequence[Any]) -> 
     turns = posed @ rest.swapaxes(-1, -2)
     of_parents = np.concatenate([np.tile(np.eye(3), (len(turns), 1, 1, 1)), turns[:, list(PARENTS[1:])]], 1)
     theta = matrix_to_axis_angle(of_parents.swapaxes(-1, -2) @ turns)
-    places = _numbers(document, [frames[number][side] for number in there], "WRIST", "position", 3)
-    transl = places - _numbers(document, [about["rest"]], "WRIST", "position", 3)
+    wrists = _numbers(document, [frames[number][side] for number in there], "WRIST", "position", 3)
+    transl = wrists - _numbers(document, [about["rest"]], "WRIST", "position", 3)
     beta = document.array(about.get("beta", np.zeros(10)), "beta", (10,))
     return raw_hand(theta.reshape(-1, 48), beta, transl, np.array(there))
 
