@@ -16,7 +16,7 @@ parser.add_argument("--size", type=int, default=512)
 parser.add_argument("--frames", type=int, default=4)
 args = parser.parse_args()
 person = api.load_person("middle")
-towards_lamp = np.array([-0.6, -0.6, 0.5])
+towards_lamp = np.array([-2.0, -2.0, 1.0]) / 3
 lamp = api.Lamp("sun", np.array([3.0, 2.8, 2.5]), rotation=api.rotation_facing(towards_lamp))
 light = api.Light((lamp,), api.Sky(np.full((2, 4, 3), 0.2)))
 camera = person.camera(api.named_pose("Fist"), (args.size, args.size))

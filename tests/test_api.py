@@ -44,7 +44,8 @@ def test_a_left_hand_is_the_mirror_image(person):
 
 
 def test_the_wrist_turns_the_hand_in_the_world(person):
-    still, turned = (person.vertices(api.named_pose("Fist", wrist=wrist)) for wrist in (None, [0, 0, np.pi / 2]))
+    wrists = None, np.array([0, 0, np.pi / 2])
+    still, turned = (person.vertices(api.named_pose("Fist", wrist=wrist)) for wrist in wrists)
     joint = person.hand.joints[0]
     quarter = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
     np.testing.assert_allclose(turned - joint, (still - joint) @ quarter.T, atol=1e-6)

