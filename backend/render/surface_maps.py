@@ -11,10 +11,10 @@ import torch
 from ..field.rays import camera_tensors, project, ray_directions, ray_origins
 from ..geometry.mesh import vertex_normals
 from ..geometry.rasterise import Fragments, rasterise
+from ..hand.arm_end import distance_from_end_m, opaque_share
 from ..hand.model import HandModel
 from ..records.frame import DEPTH_BACKGROUND
 from ..records.shot import Shot
-from .arm_end import distance_from_end_m, opaque_share
 
 
 @dataclass(frozen=True)

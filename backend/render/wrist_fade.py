@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..geometry.tolerances import NEAR_M
+from ..hand.arm_end import distance_from_end_m, opaque_share
 from ..hand.model import HandModel
 from ..records.depth_profile import DepthProfile
 from ..records.frame import DEPTH_BACKGROUND, Frame
 from ..records.shot import Shot
-from .arm_end import distance_from_end_m, opaque_share
 from .composition import profile_of
 from .surface_maps import vertex_map
 

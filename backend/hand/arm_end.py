@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..hand.bones import rest_bones, rest_forearm
-from ..hand.model import HandModel
+from .bones import rest_bones, rest_forearm
+from .model import HandModel
 
 
 def distance_from_end_m(model: HandModel) -> np.ndarray:
