@@ -137,7 +137,9 @@ def main() -> int:
     args = parser.parse_args()
     if not torch.cuda.is_available():
         raise LiveHandError("the gates must be measured on an NVIDIA GPU, got none; run this where there is one")
-    renderer = Renderer(load_avatar(), load_default_hand(), "cuda", "fp32")
+    from ..backend.compute.gpu.backend import WarpBackend
+
+    renderer = Renderer(load_avatar(), load_default_hand(), "cuda", "fp32", WarpBackend("cuda:0"))
     gates = [] if args.skip_tests else [test_gate()]
     gates += frame_gates(renderer, args.frames)
     lines = [torch.cuda.get_device_name(), *map(str, gates), *parts_of_frame(renderer, args.frames)]
