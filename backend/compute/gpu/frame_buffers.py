@@ -12,7 +12,7 @@ import warp as wp
 
 from ...surface.detail_mesh import SAMPLES
 from ..lit_frames import FrameModel
-from .blocks import Block, HostBlock, Layout
+from .blocks import DeviceBlock, HostBlock, Layout
 from .frame_model import DeviceModel, precision_on
 from .frame_parameters import FrameShape, parameter_layout
 from .kernels.compiled import INFINITE_BITS
@@ -101,11 +101,11 @@ class FrameBuffers:
         self.model, self.shape, self.sequence, self.capacity = model, shape, Sequence(device), capacity
         self.has_tiles, self.half = wp.get_device(device).is_cuda, precision_on(device)
         parameters, answer = parameter_layout(model, shape), _answer_layout(shape)
-        block, pixels = Block(parameters, device), Block(answer, device)
+        block, pixels = DeviceBlock(parameters, device), DeviceBlock(answer, device)
         self.host, self.answer = HostBlock(block, parameters), HostBlock(pixels, answer)
         self._new = dict[str, wp.array]()
         self._cleared = [
-            (Block(layout, device), layout, value)
+            (DeviceBlock(layout, device), layout, value)
             for layout, value in (
                 (_of_zeros(model, shape, self.half), 0),
                 (_of_nothing(shape), -1),
