@@ -35,7 +35,7 @@ _LEAST_TIMES_PAPER = 75.0
 _WARM_FRAMES = 4
 
 
-class Gate(NamedTuple):
+class GpuGate(NamedTuple):
     """What was asked and what was measured."""
 
     name: str
@@ -76,21 +76,21 @@ def median_ms(render, shots: list[Shot]) -> float:
     return statistics.median(times)
 
 
-def frame_gates(renderer: Renderer, frames: int) -> list[Gate]:
+def frame_gates(renderer: Renderer, frames: int) -> list[GpuGate]:
     """Time frames of all sizes, and the paper's renderer as published beside the smallest."""
     gates, of_small = [], 0.0
     for size_px, most_ms in _MOST_MS.items():
         took = median_ms(renderer.render, moving_shots(size_px, frames))
         of_small = of_small or took
         name = f"frame of {size_px[0]}x{size_px[1]}, Shot to Frame"
-        gates.append(Gate(name, f"at most {most_ms} ms", f"{took:.2f} ms", took <= most_ms))
+        gates.append(GpuGate(name, f"at most {most_ms} ms", f"{took:.2f} ms", took <= most_ms))
     hand = load_default_hand()
     published = PublishedRenderer(load_paper_avatar(hand, None), hand, torch.device("cuda"))
     paper = median_ms(lambda shot: published.render(shot, lambda _: None), moving_shots(_SMALL, min(frames, 8)))
     times = paper / of_small
     asked = f"at least {_LEAST_TIMES_PAPER:.0f} times as fast"
     gates.append(
-        Gate(f"the paper as published ({paper:.0f} ms)", asked, f"{times:.1f} times", times >= _LEAST_TIMES_PAPER)
+        GpuGate(f"the paper as published ({paper:.0f} ms)", asked, f"{times:.1f} times", times >= _LEAST_TIMES_PAPER)
     )
     return gates
 
@@ -118,7 +118,7 @@ def parts_of_frame(renderer: Renderer, frames: int) -> list[str]:
     return [f"  parameters {filled:.3f} ms, sequence of {len(buffers.sequence.kernels)} kernels {replayed:.3f} ms"]
 
 
-def test_gate() -> Gate:
+def test_gate() -> GpuGate:
     """Run the tests that need a GPU."""
     start = time.perf_counter()
     root = Path(__file__).parents[1]
@@ -126,7 +126,7 @@ def test_gate() -> Gate:
     took = time.perf_counter() - start
     passed = "passed" if done.returncode == 0 else "FAILED"
     holds = done.returncode == 0 and took <= _MOST_TEST_S
-    return Gate("tests on the GPU", f"pass within {_MOST_TEST_S:.0f} s", f"{passed}, {took:.0f} s", holds)
+    return GpuGate("tests on the GPU", f"pass within {_MOST_TEST_S:.0f} s", f"{passed}, {took:.0f} s", holds)
 
 
 def main() -> int:
@@ -137,7 +137,9 @@ def main() -> int:
     args = parser.parse_args()
     if not torch.cuda.is_available():
         raise LiveHandError("the gates must be measured on an NVIDIA GPU, got none; run this where there is one")
-    renderer = Renderer(load_avatar(), load_default_hand(), "cuda", "fp32")
+    from ..backend.compute.gpu.backend import WarpBackend
+
+    renderer = Renderer(load_avatar(), load_default_hand(), "cuda", "fp32", WarpBackend("cuda:0"))
     gates = [] if args.skip_tests else [test_gate()]
     gates += frame_gates(renderer, args.frames)
     lines = [torch.cuda.get_device_name(), *map(str, gates), *parts_of_frame(renderer, args.frames)]

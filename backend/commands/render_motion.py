@@ -84,7 +84,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     from ..avatars.library import shipped_avatar_path
     from ..avatars.origin import read_origin
     from ..hand.lbs import posed_vertices
-    from ..image.frame_writer import FrameWriter
+    from ..image.frame_writer import FileWriter
     from ..image.watermark.embedding import watermarked
     from ..render.renderer import Renderer
     from ..render.studio_light import studio_light
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     camera = fitting_camera(sampled_vertices(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILL)
     light, report = studio_light(), RunReport({path: args.output}, args.output, args.json)
     report.add(path, ShotOpened(str(args.output), len(frames)))
-    with FrameWriter() as writer:
+    with FileWriter() as writer:
         for number, index in enumerate(frames, 1):
             started, pose = time.perf_counter(), motion.pose(index)
             frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera, light))

@@ -72,6 +72,7 @@ class LitShot(NamedTuple):
         height_m: [N] what rises on the avatar's surface, template metres.
         flex: [V] bend of the skin.
         camera: of the rays; the image is twice as large.
+        window_px: the columns and rows of their image that have rays, the first ones.
         scale: of the hand against its template.
         bounds: of its vertices.
         light: sampled around these.
@@ -83,6 +84,7 @@ class LitShot(NamedTuple):
     height_m: np.ndarray
     flex: np.ndarray
     camera: CameraTensors
+    window_px: tuple[int, int]
     scale: float
     bounds: Bounds
     light: LightSamples

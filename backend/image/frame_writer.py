@@ -43,7 +43,7 @@ class _Pending(NamedTuple):
     then: Callable[[], None]
 
 
-class FrameWriter:
+class FileWriter:
     """Writes PNGs as `write_png` does, and EXRs as `write_frame_exr`. Leaving the context waits until all are written.
 
     A frame that cannot be written raises LiveHandError at the next `write`, or when the context is left; those behind
@@ -59,7 +59,7 @@ class FrameWriter:
         self._workers = ThreadPoolExecutor(count, thread_name_prefix="livehand-files")
         self._pending: deque[_Pending] = deque()
 
-    def __enter__(self) -> FrameWriter:
+    def __enter__(self) -> FileWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:

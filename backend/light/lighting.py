@@ -149,7 +149,7 @@ class LightFeatures(NamedTuple):
     reflected: Tensor
 
 
-class DirectLight(NamedTuple):
+class DirectFeatures(NamedTuple):
     """What arrives at R points from lamps and sky; as in `LightFeatures`."""
 
     lamp_vectors: Tensor
@@ -207,7 +207,7 @@ def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePo
     sky_towards = sky.towards[:, None].expand(-1, len(points.position), -1)
     of_sky = _scattered(sky_towards, torch.ones_like(shadows.sky.lit), shadows.sky.depth_in_m, points.normal)
     facing = (sky.towards @ points.relief_normal.T > 0) * shadows.sky.lit
-    direct = DirectLight(
+    direct = DirectFeatures(
         lamp_vectors=summed[0].transpose(0, 1),
         sky_vectors=torch.einsum("kr,kx,kc->rxc", facing, sky.towards, sky.flux),
         lobe_visibility=_lobe_visibility(sky, shadows.sky.lit, points),

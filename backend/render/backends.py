@@ -23,7 +23,7 @@ def choose_backend(device: torch.device) -> ReferenceBackend:
     if device.type == "cuda" and has_warp():
         from ..compute.gpu.backend import WarpBackend
 
-        return WarpBackend(f"cuda:{device.index or 0}")
+        return WarpBackend()
     if not has_numba():
         return ReferenceBackend()
     from ..compute.cpu.backend import NumbaBackend

@@ -87,7 +87,8 @@ class LitShots:
         crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, self.avatar.config.superres.scale)
         if crop is None:
             return empty_frame(shot.camera.size_px)
-        width, height = (-(-size // BUCKET_PX) * BUCKET_PX for size in (crop.width, crop.height))
+        window_px = crop.width, crop.height
+        width, height = (-(-size // BUCKET_PX) * BUCKET_PX for size in window_px)
         crop = replace(crop, width=width, height=height)
         pose, bounds = shot.pose, Bounds.of(mesh)
         theta, forearm = (values * self._mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
@@ -99,6 +100,7 @@ class LitShots:
                 height_m=1e-3 * self.surface.surface.raised.height_mm(theta, self.surface.veins_mm, forearm),
                 flex=self.surface.bend.flex(theta),
                 camera=camera_tensors(crop.camera_of(shot.camera), "cpu"),
+                window_px=window_px,
                 scale=float(mesh.scale),
                 bounds=bounds,
                 light=LightSamples.of(light, bounds),

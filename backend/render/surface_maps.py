@@ -11,7 +11,7 @@ import torch
 from ..field.rays import camera_tensors, project, ray_directions, ray_origins
 from ..geometry.mesh import vertex_normals
 from ..geometry.rasterise import Fragments, rasterise
-from ..hand.bones import rest_bones, rest_forearm
+from ..hand.arm_end import distance_from_end_m, opaque_share
 from ..hand.model import HandModel
 from ..records.camera import Camera
 from ..records.frame import DEPTH_BACKGROUND
@@ -134,19 +134,6 @@ def _image(values: torch.Tensor, pixel: torch.Tensor, size_px: tuple[int, int], 
     image = torch.full((height * width, values.shape[1]), empty)
     image[pixel] = values
     return image.reshape(height, width, -1).numpy()
-
-
-def distance_from_end_m(model: HandModel) -> np.ndarray:
-    """Compute the distance [V], m, of the mean shape at rest from the plane across the end of the arm, or the wrist."""
-    elbow = -(rest_forearm(model).frame if model.has_arm else rest_bones(model).frames[0])[:, 1]
-    along = model.v_template @ elbow
-    return along.max() - along
-
-
-def opaque_share(distance_m: np.ndarray, fade_m: float) -> np.ndarray:
-    """Compute what a fade of this length leaves at these distances from the end: 0 to 1, smoothly; 1 without a fade."""
-    x = np.clip(distance_m / fade_m, 0, 1) if fade_m > 0 else np.ones_like(distance_m)
-    return x * x * (3 - 2 * x)
 
 
 def scene_depth(triangles: np.ndarray, camera: Camera) -> np.ndarray:

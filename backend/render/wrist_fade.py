@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..geometry.tolerances import NEAR_M
+from ..hand.arm_end import distance_from_end_m, opaque_share
 from ..hand.model import HandModel
 from ..records.depth_profile import DepthProfile
 from ..records.frame import DEPTH_BACKGROUND, Frame
 from ..records.shot import Shot
 from .composition import profile_of
-from .surface_maps import distance_from_end_m, opaque_share, vertex_map
+from .surface_maps import vertex_map
 
 _SOLID_ALPHA = 0.5
 # Around the end's mesh; the surface lies at most 3 mm above it, and an arm is 5 cm wide.

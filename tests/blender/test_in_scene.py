@@ -3,9 +3,9 @@
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.hand.arm_end import distance_from_end_m
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.render.cryptomatte import crypto_id
-from livehand.backend.render.surface_maps import distance_from_end_m
 from livehand.livehand_blender.hands import visible_hands
 from livehand.livehand_blender.render.cycles import is_in_scene
 from livehand.livehand_blender.rig.build import add_hand

@@ -12,7 +12,7 @@ from livehand.backend.avatars.origin import joint_payload, read_origin
 from livehand.backend.commands.origin import origin_text
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
-from livehand.backend.image.frame_writer import FrameWriter
+from livehand.backend.image.frame_writer import FileWriter
 from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.image.watermark.embedding import watermarked
 from livehand.backend.records.frame import Frame
@@ -32,7 +32,7 @@ def write(tmp_path):
         alpha[16:240, 16:240] = 1
         rgb = (0.3 + 0.02 * rng.normal(size=(256, 256, 1))) * np.array([1, 0.7, 0.5]) * alpha[..., None]
         rgb = watermarked(rgb.astype(np.float32), alpha, joint_payload(one.payload for one in origins))
-        with FrameWriter() as writer:
+        with FileWriter() as writer:
             frame = Frame(rgb, alpha, alpha)
             writer.write(frame, tmp_path / "frame.png", text=origin_text(origins) if has_text else None)
         return tmp_path / "frame.png"

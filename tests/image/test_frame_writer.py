@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from livehand.backend.capture.exr import read_exr
 from livehand.backend.image import frame_writer
-from livehand.backend.image.frame_writer import FrameWriter, write_png
+from livehand.backend.image.frame_writer import FileWriter, write_png
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.frame import Frame
 from PIL import Image
@@ -38,7 +38,7 @@ def gate(monkeypatch):
 @pytest.mark.parametrize("threads", [None, 1, 3])
 def test_all_are_written_as_one_by_one_and_followed_up_in_order(tmp_path, threads):
     numbers, followed = range(12), []
-    with FrameWriter(threads) as writer:
+    with FileWriter(threads) as writer:
         for number in numbers:
             path = tmp_path / f"{number}.png"
             writer.write(frame_of(number / 12), path, lambda n=number, p=path: followed.append((n, p.is_file())))
@@ -54,7 +54,7 @@ def test_nobody_waits_for_a_picture_until_too_many_are_waiting(tmp_path, gate):
     followed, rendered = [], []
 
     def render():
-        with FrameWriter(threads=1) as writer:
+        with FileWriter(threads=1) as writer:
             for number in range(4):
                 rendered.append(number)
                 writer.write(frame_of(0.5), tmp_path / f"{number}.png", lambda n=number: followed.append(n))
@@ -75,7 +75,7 @@ def test_a_picture_that_cannot_be_written_is_told_and_the_others_are_kept(tmp_pa
     followed = []
 
     def write():
-        with FrameWriter(threads=2) as writer:
+        with FileWriter(threads=2) as writer:
             for number, folder in enumerate((tmp_path, tmp_path / "no folder", tmp_path)):
                 writer.write(frame_of(0.5), folder / f"{number}.png", lambda n=number: followed.append(n))
             gate.set()
@@ -90,7 +90,7 @@ def test_the_next_frame_is_told_of_a_picture_that_could_not_be_written(tmp_path)
     (tmp_path / "no folder").write_text("")
 
     def write():
-        with FrameWriter(threads=1) as writer:
+        with FileWriter(threads=1) as writer:
             for number in range(100):
                 writer.write(frame_of(0.5), tmp_path / "no folder" / f"{number}.png")
                 rendered.append(number)
@@ -105,7 +105,7 @@ def test_who_stops_keeps_what_was_rendered(tmp_path, gate):
     (tmp_path / "no folder").write_text("")
 
     def write():
-        with FrameWriter(threads=2) as writer:
+        with FileWriter(threads=2) as writer:
             for folder in (tmp_path / "no folder", tmp_path):
                 writer.write(frame_of(0.5), folder / "a.png")
             gate.set()
@@ -118,7 +118,7 @@ def test_who_stops_keeps_what_was_rendered(tmp_path, gate):
 
 def test_an_exr_holds_linear_colours_alpha_and_depth(tmp_path):
     bright = frame_of(1e6)
-    with FrameWriter() as writer:
+    with FileWriter() as writer:
         for number, frame in enumerate((frame_of(0.3), bright)):
             writer.write(frame, tmp_path / f"{number}.exr")
     for number, value in ((0, np.float16(0.3)), (1, 65504)):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
+from livehand.backend.hand.arm_end import distance_from_end_m
 from livehand.backend.hand.bones import rest_bones, rest_forearm
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.records.camera import Camera, look_at
@@ -13,7 +14,7 @@ from livehand.backend.records.frame import DEPTH_BACKGROUND, Frame
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.composition import joined, visible_parts
 from livehand.backend.render.frame_task import HandTask
-from livehand.backend.render.surface_maps import distance_from_end_m, surface_maps
+from livehand.backend.render.surface_maps import surface_maps
 from livehand.backend.render.wrist_fade import faded
 
 SIZE = (60, 70)

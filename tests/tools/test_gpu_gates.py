@@ -6,7 +6,7 @@ import pytest
 import torch
 from livehand.backend.records.errors import LiveHandError
 from livehand.tools import gpu_gates
-from livehand.tools.gpu_gates import Gate, median_ms, moving_shots
+from livehand.tools.gpu_gates import GpuGate, median_ms, moving_shots
 
 
 def test_frames_that_warm_up_are_not_timed(monkeypatch):
@@ -22,8 +22,8 @@ def test_frames_that_warm_up_are_not_timed(monkeypatch):
 
 
 def test_a_line_says_what_was_asked_and_whether_it_holds():
-    assert str(Gate("a frame", "at most 1.5 ms", "1.60 ms", False)) == "FAILS  a frame: 1.60 ms (at most 1.5 ms)"
-    assert str(Gate("a frame", "at most 1.5 ms", "1.40 ms", True)).startswith("holds  a frame")
+    assert str(GpuGate("a frame", "at most 1.5 ms", "1.60 ms", False)) == "FAILS  a frame: 1.60 ms (at most 1.5 ms)"
+    assert str(GpuGate("a frame", "at most 1.5 ms", "1.40 ms", True)).startswith("holds  a frame")
 
 
 def test_shots_have_three_lamps_and_a_sky_and_move():

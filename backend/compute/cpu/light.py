@@ -17,7 +17,7 @@ from ...light.lighting import (
     SKY_CELL_RAD,
     WRAP,
     AmbientOcclusion,
-    DirectLight,
+    DirectFeatures,
     FrameShadows,
     LightFeatures,
     SurfacePoints,
@@ -55,7 +55,9 @@ def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePo
     sky_arrays = SkyArrays(*of_sky_cells, *(whole_rows(values) for values in shadows.sky))
     lamp_arrays = LampArrays(*as_arrays(*lamps[:-1], *shadows.lamps))
     in_parallel(lambda first, last: fill_features(arrays, sky_arrays, lamp_arrays, lobes(), first, last, out), count)
-    return DirectLight(vectors, of_sky, seen, scattered).with_indirect(light, shadows.surfels, points, indirect_diffuse)
+    return DirectFeatures(vectors, of_sky, seen, scattered).with_indirect(
+        light, shadows.surfels, points, indirect_diffuse
+    )
 
 
 def indirect_diffuse(

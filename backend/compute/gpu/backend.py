@@ -17,12 +17,11 @@ from .kernels.compiled import launch
 from .kernels.raster import prepare_view
 from .light_stages import RadianceStages
 from .lit_frame import LitFrames
-from .pose_stages import PoseStages
 from .ray_stages import RayStages
 from .surface_stages import DetailStages
 
 
-class WarpBackend(PoseStages, RayStages, FieldStages, RadianceStages, ImageStages, DetailStages):
+class WarpBackend(RayStages, FieldStages, RadianceStages, ImageStages, DetailStages):
     """Has the reference's values, on tensors of an NVIDIA GPU or of the CPU, which only tests give it.
 
     Attributes:

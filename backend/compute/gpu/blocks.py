@@ -14,7 +14,7 @@ Layout = Mapping[str, tuple[Any, tuple[int, ...]]]
 _ALIGNED_BYTES = 64
 
 
-class Block:
+class DeviceBlock:
     """Arrays of a layout.
 
     Attributes:
@@ -40,9 +40,9 @@ class Block:
 class HostBlock:
     """The host's twin of a block, by which it is filled or read at once; pinned where there is a GPU."""
 
-    def __init__(self, block: Block, layout: Layout) -> None:
+    def __init__(self, block: DeviceBlock, layout: Layout) -> None:
         self._block, is_cuda = block, block.words.device.is_cuda
-        self._twin = Block(layout, "cpu", pinned=is_cuda)
+        self._twin = DeviceBlock(layout, "cpu", pinned=is_cuda)
         self._values = {name: self._twin[name].numpy() for name in layout}
 
     def __getitem__(self, name: str) -> np.ndarray:

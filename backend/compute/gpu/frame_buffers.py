@@ -1,23 +1,83 @@
-"""The memory of lit frames of one shape on a device: their parameters, the tables of their model, and all between."""
+"""The memory of lit frames of one shape on a device, and the launches over it in a fixed order.
+
+Launches run one by one, or on a GPU are recorded once and then started at once.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import warp as wp
 
 from ...surface.detail_mesh import SAMPLES
 from ..lit_frames import FrameModel
-from .blocks import Block, HostBlock, Layout
+from .blocks import DeviceBlock, HostBlock, Layout
 from .frame_model import DeviceModel, precision_on
 from .frame_parameters import FrameShape, parameter_layout
 from .kernels.compiled import INFINITE_BITS
 from .kernels.tiles import ROWS
-from .sequence import Sequence
 
 OUT_CHANNELS = 5
+_THREADS_OF_TILE = 128
 RAYS, COVERED, EDGES = range(3)
 """Counters of what is listed."""
+
+
+class Sequence:
+    """Launches on a device, whose arrays it keeps alive.
+
+    Attributes:
+        device: Warp's name of it.
+        kernels: the names of the kernels, in order.
+    """
+
+    def __init__(self, device: str) -> None:
+        self.device, self.kernels = device, list[str]()
+        self._steps, self._kept = list[Callable[[], Any]](), list[Any]()
+        self._graph = None
+
+    def add(self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any) -> None:
+        """Add a launch; a launch for nothing is left out."""
+        sizes = (dim,) if isinstance(dim, int) else dim
+        if min(sizes) > 0:
+            given = {"inputs": list(arguments), "device": self.device, "record_cmd": True}
+            self._append(kernel, wp.launch(kernel, dim, **given), arguments)
+
+    def add_tiles(self, kernel: Any, dim: tuple[int, ...], *arguments: Any) -> None:
+        """Add a launch of a kernel of tiles."""
+        given = {"inputs": list(arguments), "device": self.device, "record_cmd": True}
+        self._append(kernel, wp.launch_tiled(kernel, dim, block_dim=_THREADS_OF_TILE, **given), arguments)
+
+    def fill(self, words: wp.array, value: int) -> None:
+        """Add the filling of an array with a number; zero, and -1, cost least."""
+        self._steps.append((lambda: words.zero_()) if value == 0 else (lambda: words.fill_(value)))
+
+    def then(self, step: Callable[[], None]) -> None:
+        """Add a step that only starts work on the device."""
+        self._steps.append(step)
+
+    def run(self) -> None:
+        """Start all; on a GPU from the second time on as one recorded graph. Nothing is waited for."""
+        if self._graph is not None:
+            wp.capture_launch(self._graph)
+            return
+        for step in self._steps:
+            step()
+        if wp.get_device(self.device).is_cuda:
+            self._graph = self.recorded()
+
+    def recorded(self) -> Any:
+        """Record all as a graph, without running it."""
+        with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
+            for step in self._steps:
+                step()
+        return capture.graph
+
+    def _append(self, kernel: Any, command: Any, arguments: tuple[Any, ...]) -> None:
+        self.kernels.append(kernel.key)
+        self._steps.append(command.launch)
+        self._kept.append(arguments)
 
 
 class FrameBuffers:
@@ -41,11 +101,11 @@ class FrameBuffers:
         self.model, self.shape, self.sequence, self.capacity = model, shape, Sequence(device), capacity
         self.has_tiles, self.half = wp.get_device(device).is_cuda, precision_on(device)
         parameters, answer = parameter_layout(model, shape), _answer_layout(shape)
-        block, pixels = Block(parameters, device), Block(answer, device)
+        block, pixels = DeviceBlock(parameters, device), DeviceBlock(answer, device)
         self.host, self.answer = HostBlock(block, parameters), HostBlock(pixels, answer)
         self._new = dict[str, wp.array]()
         self._cleared = [
-            (Block(layout, device), layout, value)
+            (DeviceBlock(layout, device), layout, value)
             for layout, value in (
                 (_of_zeros(model, shape, self.half), 0),
                 (_of_nothing(shape), -1),

@@ -11,8 +11,7 @@ from .frame_buffers import COVERED, EDGES, FrameBuffers
 from .frame_light import add_products
 from .frame_model import device_array
 from .kernels.detail import add_skin
-from .kernels.develop import develop_pixels
-from .kernels.edges import edge_shares, list_edges, mark_pixels, sample_faces, spread_coverage
+from .kernels.edges import develop_pixels, edge_shares, list_edges, mark_pixels, sample_faces, spread_coverage
 from .kernels.hits import list_covered, paint_maps
 from .kernels.pixels import enlarge_pixels, ray_shares, smooth_pixels, step_normals
 from .kernels.relight import relit_pixels

@@ -11,8 +11,8 @@ from .blocks import columns_of, part_of
 from .frame_buffers import FrameBuffers
 from .frame_model import Layer
 from .frame_parameters import LAMP_COLUMNS
+from .kernels.decoder import FEW, decode_rays, decoder_inputs, multiply_rows_plainly
 from .kernels.features import add_lamps, add_surfels, sky_features, sum_surfels
-from .kernels.networks import FEW, decode_rays, decoder_inputs, multiply_rows_plainly
 from .kernels.pixels import mean_over_surface
 from .kernels.shadow import draw_sides, find_bounds, look_up, project_casters
 from .kernels.surfels import reflect_on_rays, surfel_radiance

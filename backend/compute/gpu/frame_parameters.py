@@ -107,6 +107,7 @@ def parameter_layout(model: FrameModel, shape: FrameShape) -> Layout:
         "view": (wp.vec3, (4,)),
         "full_view": (wp.vec3, (4,)),
         **{name: (wp.float32, (count,)) for name, count in _CONSTANTS.items()},
+        "window": (wp.int32, (2,)),
         "frames": (wp.mat33, (views,)),
         "distance": (wp.float32, (views,)),
         "table": (wp.int32, (views, 9)),
@@ -141,6 +142,7 @@ def fill_parameters(host: HostBlock, model: FrameModel, shape: FrameShape, shot:
     """Fill the parameters of a frame."""
     _fill_pose(host, model, shot)
     _fill_camera(host, shot.camera)
+    host["window"][:] = shot.window_px
     for name, values in _constants(model, shot).items():
         host[name][:] = values
     _fill_light(host, shot.light)

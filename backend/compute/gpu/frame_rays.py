@@ -40,7 +40,7 @@ def _add_shell(frame: FrameBuffers) -> None:
     frame.new("is_stopped", wp.bool, pixels)
     frame.named("ray_count", part_of(frame["counts"], RAYS, 1))
     found = "ray_count", "pixel", "row", "directions", "is_stopped", "has_overflow"
-    frame.add(list_rays, pixels, "live", "stopped", "view", width, "hit_m", pixels, *found)
+    frame.add(list_rays, pixels, "live", "stopped", "view", width, "window", "hit_m", pixels, *found)
 
 
 def _add_samples(frame: FrameBuffers) -> None:

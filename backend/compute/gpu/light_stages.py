@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ...geometry.mesh import PosedMesh, Topology
 from ...light.indirect_diffuse import MeshPoints, Surfels
-from ...light.lighting import AmbientOcclusion, DirectLight, FrameShadows, LightFeatures, SurfacePoints
+from ...light.lighting import AmbientOcclusion, DirectFeatures, FrameShadows, LightFeatures, SurfacePoints
 from ...light.near_field_light import NearFieldFeatures, sky_cells
 from ...light.nearby_geometry import Patches
 from ...light.samples import LightSamples
@@ -102,7 +102,9 @@ def light_features(light: LightSamples, shadows: FrameShadows, points: SurfacePo
     of_lamps = *lamps[:-1], *shadows.lamps
     if len(lamps.lamp):
         launch(add_lamps, count, position, normal, relief_normal, *of_lamps, vectors, scattered)
-    return DirectLight(vectors, of_sky, seen, scattered).with_indirect(light, shadows.surfels, points, indirect_diffuse)
+    return DirectFeatures(vectors, of_sky, seen, scattered).with_indirect(
+        light, shadows.surfels, points, indirect_diffuse
+    )
 
 
 def indirect_diffuse(

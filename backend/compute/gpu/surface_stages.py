@@ -1,4 +1,4 @@
-"""The avatar's surface, without gradients: as `surface.detail_mesh`, `surface.ray_hits`, `surface.shading_detail`."""
+"""A hand in a pose and its surface, no gradients: as `hand.lbs`, `surface.{detail_mesh, ray_hits, shading_detail}`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ...field.rays import CameraTensors
-from ...hand.lbs import SkinMotion
+from ...geometry.local_rotation import LocalFrames
+from ...hand.lbs import SkinMotion, SkinTensors
 from ...image.shading import ShadingInputs
 from ...light.lighting import BumpMapping
+from ...records.shot import HandPose
 from ...surface.detail_maps import BUMP, SLOPE_STEP_MM, DetailMaps
 from ...surface.detail_mesh import SAMPLES, DetailMesh, DetailTemplate, PixelSurface
 from ...surface.edge_antialiasing import STEP_M, STEP_PX, EdgePixels
@@ -21,10 +23,42 @@ from .kernels.compiled import launch
 from .kernels.detail import add_skin, fine_vertices, finer_field, vertex_normals
 from .kernels.edges import blend_parts, edge_shares, mark_pixels, sample_faces, spread_coverage
 from .kernels.raster import normals_at
+from .kernels.skinning import joint_motions, skin_vertices
+from .kernels.skinning import local_rotations as fill_rotations
 from .ray_stages import projected, shown_faces, view_of
 
 _LANES = 1
 """Threads that share the pixels of a face: the surface's are as small as these."""
+
+
+MOTION = 15
+"""Numbers of a vertex's motion: its place at rest, and a transform [3, 4]."""
+
+
+def skin_motion(skin: SkinTensors, pose: HandPose) -> SkinMotion:
+    """Compute how a pose moves the vertices into the world, as `hand.lbs.skin_motion`."""
+    template = skin.v_template
+    theta, beta, transl, forearm = (
+        template.new_tensor(values) for values in (pose.theta, pose.beta, pose.transl, pose.forearm)
+    )
+    joints, vertices = len(skin.parents), len(template)
+    rest_joints = skin.J_regressor @ (template + skin.shapedirs @ beta)
+    features, transforms = template.new_empty(9 * (joints - 1)), template.new_empty(joints + 1, 12)
+    parents = torch.tensor(skin.parents, dtype=torch.int32, device=template.device)
+    launch(joint_motions, joints + 1, theta, forearm[None], rest_joints, parents, features, transforms)
+    values = template.new_empty(vertices, MOTION)
+    of_vertices = template, skin.shapedirs, skin.posedirs, skin.lbs_weights, skin.arm_weights
+    launch(skin_vertices, vertices, *of_vertices, beta, features, transforms, transl[None], values)
+    return SkinMotion(values[:, :3], values[:, 3:].unflatten(1, (3, 4)))
+
+
+def local_rotations(
+    vertices: Float[Tensor, "V 3"], normals: Float[Tensor, "V 3"], frames: LocalFrames
+) -> Float[Tensor, "V 3 3"]:
+    """Compute matrices from the canonical template's directions to the world's, orthonormal (or mirrored)."""
+    rotations = vertices.new_empty(len(vertices), 3, 3)
+    launch(fill_rotations, len(vertices), vertices, normals, *frames, rotations)
+    return rotations
 
 
 def detail_mesh(
@@ -140,8 +174,10 @@ def _copy(values: Tensor) -> Tensor:
 
 
 class DetailStages(ReferenceBackend):
-    """The avatar's surface by Warp."""
+    """A hand in a pose, and the avatar's surface, by Warp."""
 
+    skin_motion = staticmethod(skin_motion)
+    local_rotations = staticmethod(local_rotations)
     detail_mesh = staticmethod(detail_mesh)
     ray_hits = staticmethod(ray_hits)
     visible_surface = staticmethod(visible_surface)

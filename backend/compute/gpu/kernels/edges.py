@@ -1,4 +1,4 @@
-"""Outlines and edges of parts: as `surface.detail_mesh.visible_surface` and `surface.edge_antialiasing`."""
+"""Outlines and edges of parts, and frames of them: as `surface.detail_mesh`, `edge_antialiasing`, `image.decode`."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ from typing import no_type_check
 
 import warp as wp
 
+from ....image.decode import MIN_ALPHA as CLEAR_ALPHA
 from ....image.shading import MIN_ALPHA
+from ....records.frame import DEPTH_BACKGROUND
 from ....surface.edge_antialiasing import SPREAD
-from .compiled import Bools, Bools2, Bytes, Floats, Ints, Keys, Longs, Longs2, Vectors, kernel, part
+from .compiled import Bools, Bools2, Bytes, Floats, Floats2, Ints, Keys, Longs, Longs2, Vectors, kernel, part
 from .raster import depth_of, face_of, fragment_depth, projected_area, word_of
 
 # Loops over samples within loops over pixels: unrolled, they would take more registers than there are.
 wp.set_module_options({"max_unroll": 8, "fuse_fp": False})
 _BESIDE, _ITS_OWN = wp.constant(SPREAD[0]), wp.constant(SPREAD[1])
-_MIN_ALPHA = wp.constant(MIN_ALPHA)
+_MIN_ALPHA, _CLEAR_ALPHA, _BACKGROUND = (wp.constant(v) for v in (MIN_ALPHA, CLEAR_ALPHA, DEPTH_BACKGROUND))
 _BITS, _ITSELF, _NO_BONE = wp.constant(16), wp.constant(4), wp.constant(-1)
 
 
@@ -321,3 +323,35 @@ def list_edges(between: Floats, part: Ints, capacity: int, count: Ints, pixel: L
         return
     pixel[place] = wp.int64(at)
     slot[at] = place
+
+
+@kernel
+@no_type_check
+def develop_pixels(
+    colours: Vectors,
+    alpha: Floats,
+    depth: Floats,
+    width: int,
+    slot: Ints,
+    slots: int,
+    shows_first: Bools2,
+    share: Floats,
+    out: Floats2,
+):
+    """Fill out [H * W, 5]: premultiplied scene-linear RGB, alpha, and depth, m; `slot`: its place among edges."""
+    pixel = wp.tid()
+    opacity = wp.min(alpha[pixel], 1.0)
+    if opacity <= _CLEAR_ALPHA:
+        opacity = wp.float32(0.0)
+    colour = wp.vec3()
+    if opacity > 0.0:
+        colour = colours[pixel]
+        edge = slot[pixel]
+        if edge >= 0 and edge < slots:
+            colour = blended_colour(colours, alpha, depth, width, pixel, shows_first, share, edge)
+    for axis in range(3):
+        out[pixel, axis] = colour[axis]
+    out[pixel, 3] = opacity
+    out[pixel, 4] = _BACKGROUND
+    if opacity >= 0.5 and wp.isfinite(depth[pixel]):
+        out[pixel, 4] = depth[pixel]

@@ -206,7 +206,7 @@ def add_lamps(
         deep += inside[0] * strength * rgb[of_lamp]
         shallow += inside[1] * strength * rgb[of_lamp]
         if wp.dot(towards, relief_normal[point]) > _BELOW_HORIZON:
-            unblocked = strength * (shadow[k] * lit[k, point] + 1.0 - shadow[k])
+            unblocked = strength * (shadow[k] * lit[k, point] + (1.0 - shadow[k]))
             vectors[point, of_lamp] = vectors[point, of_lamp] + unblocked * towards
     scattered[point, 0] = scattered[point, 0] + deep
     scattered[point, 1] = scattered[point, 1] + shallow

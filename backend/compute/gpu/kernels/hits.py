@@ -65,6 +65,7 @@ def list_rays(
     stopped: Bools,
     view: Vectors,
     width: int,
+    window: Ints,
     surface_m: Floats,
     capacity: int,
     count: Ints,
@@ -74,8 +75,13 @@ def list_rays(
     is_stopped: Bools,
     overflow: Ints,
 ):
-    """List the pixels whose rays are sampled, or meet the avatar's surface; `row` is -1 where it was, for none."""
+    """List the pixels whose rays are sampled, or meet the avatar's surface; `row` is -1 where it was, for none.
+
+    None are listed beside the first columns and rows that `window` says.
+    """
     at = wp.tid()
+    if at % width >= window[0] or at / width >= window[1]:
+        return
     if not is_live[at] and not wp.isfinite(surface_m[at]):
         return
     slot = wp.atomic_add(count, 0, 1)

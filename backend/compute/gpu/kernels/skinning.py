@@ -79,7 +79,7 @@ def joint_motions(
 @kernel
 @no_type_check
 def skin_vertices(
-    template: Vectors,
+    at_rest: Vectors,
     shape_directions: Floats3,
     pose_directions: Floats3,
     weights: Floats2,
@@ -96,7 +96,7 @@ def skin_vertices(
     """
     vertex = wp.tid()
     for axis in range(3):
-        shaped = float(template[vertex][axis])
+        shaped = float(at_rest[vertex][axis])
         for k in range(beta.shape[0]):
             shaped += shape_directions[vertex, axis, k] * beta[k]
         corrected = wp.float32(0.0)
@@ -161,7 +161,7 @@ def mesh_surface(
 @part
 @no_type_check
 def turned_surface(
-    vertices: Vectors, normal: wp.vec3, neighbours: Longs2, weights: Floats2, template: wp.mat33, vertex: int
+    vertices: Vectors, normal: wp.vec3, neighbours: Longs2, weights: Floats2, rest_frame: wp.mat33, vertex: int
 ) -> wp.mat33:
     """Compute the rotation of the surface about a vertex, from the canonical template."""
     tangent = wp.vec3()
@@ -174,9 +174,9 @@ def turned_surface(
     for row in range(3):
         for column in range(3):
             turn[row, column] = (
-                tangent[row] * template[0, column]
-                + across[row] * template[1, column]
-                + normal[row] * template[2, column]
+                tangent[row] * rest_frame[0, column]
+                + across[row] * rest_frame[1, column]
+                + normal[row] * rest_frame[2, column]
             )
     return turn
 
@@ -184,11 +184,11 @@ def turned_surface(
 @kernel
 @no_type_check
 def local_rotations(
-    vertices: Vectors, normals: Vectors, neighbours: Longs2, weights: Floats2, template: Matrices, out: Matrices
+    vertices: Vectors, normals: Vectors, neighbours: Longs2, weights: Floats2, rest_frames: Matrices, out: Matrices
 ):
     """Fill rotations [V] as `geometry.local_rotation.local_rotations`."""
     vertex = wp.tid()
-    out[vertex] = turned_surface(vertices, normals[vertex], neighbours, weights, template[vertex], vertex)
+    out[vertex] = turned_surface(vertices, normals[vertex], neighbours, weights, rest_frames[vertex], vertex)
 
 
 @kernel
@@ -198,7 +198,7 @@ def vertex_conditions(
     normals: Vectors,
     neighbours: Longs2,
     weights: Floats2,
-    template: Matrices,
+    rest_frames: Matrices,
     lbs_weights: Floats2,
     joint_pose: Floats2,
     rest: Vectors,
@@ -217,7 +217,7 @@ def vertex_conditions(
     """
     vertex = wp.tid()
     normal = normals[vertex]
-    turn = turned_surface(vertices, normal, neighbours, weights, template[vertex], vertex)
+    turn = turned_surface(vertices, normal, neighbours, weights, rest_frames[vertex], vertex)
     for axis in range(3):
         channels[vertex, _NORMAL + axis] = normal[axis]
         for column in range(3):

@@ -54,7 +54,7 @@ def surfel_radiance(
         )
         direction = wp.vec3(light[0], light[1], light[2])
         facing = wp.max(wp.dot(direction, normal[surfel]), 0.0)
-        lit = shadow[k] * lamp_lit[k, surfel] + 1.0 - shadow[k]
+        lit = shadow[k] * lamp_lit[k, surfel] + (1.0 - shadow[k])
         received += light[3] * lit * facing * rgb[int(lamp[k])]
     radiance[surfel] = wp.cw_mul(albedo[surfel], received)
 

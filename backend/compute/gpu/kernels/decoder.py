@@ -1,4 +1,4 @@
-"""Networks without tiles, and what goes in and out of the decoder: as `field.relightable`."""
+"""What goes in and out of the decoder, as `field.relightable`; and layers of networks without tiles."""
 
 from __future__ import annotations
 
