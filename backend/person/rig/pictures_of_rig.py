@@ -53,10 +53,7 @@ def pictures_of_rig(
     views = read_rig(folder, instant)
     rows = _rows(views, held_out)
     fitted = fitted_rig(views, networks or load_networks(), model or load_default_hand(), rows, say)
-    hands = pictured_hands(views, fitted, rows, Path(folder).name)
-    gains = _camera_log_gains(hands.values(), model)
-    say(f"cameras' gains: { ({name: np.exp(gain).round(2).tolist() for name, gain in gains.items()}) }")
-    return {side: _with_gains(hand, gains) for side, hand in hands.items()}
+    return pictured_hands(views, fitted, rows, Path(folder).name)
 
 
 def pictured_hands(

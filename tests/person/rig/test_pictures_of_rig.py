@@ -98,3 +98,12 @@ def test_cameras_to_hold_out_must_be_the_rig_s(made_rig, monkeypatch):
     monkeypatch.setattr(room, "read_rig", lambda folder, instant: tuple(made_rig.views()))
     with pytest.raises(LiveHandError, match=r"must be among \[0, 2, 4, .*, 14\], got \[3\]"):
         pictures_of_rig("made", [3])
+
+
+def test_a_folder_s_hands_are_those_of_its_fit(made_rig, fitted, monkeypatch):
+    monkeypatch.setattr(room, "read_rig", lambda folder, instant: tuple(made_rig.views()))
+    monkeypatch.setattr(room, "load_networks", lambda: None)
+    monkeypatch.setattr(room, "fitted_rig", lambda views, networks, model, rows, say: fitted)
+    hands = pictures_of_rig("folder/made", [6])
+    assert {hand.source for hand in hands.values()} == {"made"}
+    assert {one.camera_index for hand in hands.values() for one in hand.pictures if one.is_held_out} == {6}
