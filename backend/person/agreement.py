@@ -38,7 +38,7 @@ class GatheredRatio:
     log_gain: np.ndarray
 
 
-class Sighting(NamedTuple):
+class TexelSighting(NamedTuple):
     """Of one picture: weight [T], logarithm of the ratio [T, 3], where it is a lower bound [T, 3]; mean flow."""
 
     weight: np.ndarray
@@ -47,7 +47,7 @@ class Sighting(NamedTuple):
     flow_px: float
 
 
-def agreed_ratio(sightings: Sequence[Sighting], guess: np.ndarray) -> GatheredRatio:
+def agreed_ratio(sightings: Sequence[TexelSighting], guess: np.ndarray) -> GatheredRatio:
     """Average robustly, in turn with each picture's gain.
 
     Args:
@@ -76,7 +76,7 @@ def agreed_ratio(sightings: Sequence[Sighting], guess: np.ndarray) -> GatheredRa
 
 
 def _mean(
-    sightings: Sequence[Sighting],
+    sightings: Sequence[TexelSighting],
     weights: Sequence[np.ndarray],
     gains: np.ndarray,
     guess: np.ndarray,

@@ -6,7 +6,8 @@ its gain. Spots that shine towards one camera contradict the others and count li
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -17,7 +18,8 @@ from ..geometry.mesh_tables import area_weighted_normals
 from ..geometry.rasterise import nearest_fronts, rasterise
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
-from ..records.hand_picture import HAND, HandPicture
+from ..records.hand_picture import HAND, HandPicture, PicturedHand
+from ..records.side import Side
 from .flow import bilinear, nearest
 
 _LEAST_FACING, _BEHIND_M = 0.5, 0.004
@@ -48,6 +50,27 @@ def camera_log_gains(pictures: Sequence[HandPicture], model: HandModel) -> dict[
     if np.abs(gains).max(initial=0.0) < _LEAST_GAIN:
         gains[:] = 0
     return {camera: (float(r), float(g), float(b)) for camera, (r, g, b) in zip(cameras, gains, strict=True)}
+
+
+def with_camera_gains(hands: Mapping[Side, PicturedHand], model: HandModel) -> dict[Side, PicturedHand]:
+    """Give the pictures of a rig's hands their cameras' gains, which the skin of all hands tells.
+
+    Args:
+        hands: of one person at one moment; those of cameras held out keep theirs.
+        model: the right hand's.
+    """
+    shown = [
+        replace(picture, moment=number)
+        for number, hand in enumerate(hands.values())
+        for picture in hand.pictures
+        if not picture.is_held_out
+    ]
+    gains = camera_log_gains(shown, model)
+
+    def given(picture: HandPicture) -> HandPicture:
+        return replace(picture, log_gain=gains.get(picture.camera_index, picture.log_gain))
+
+    return {side: replace(hand, pictures=tuple(map(given, hand.pictures))) for side, hand in hands.items()}
 
 
 def relative_gains(values: np.ndarray) -> np.ndarray:

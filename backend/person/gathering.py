@@ -17,7 +17,7 @@ from ..capture.masks.mask import load_opencv
 from ..geometry.tolerances import NEAR_M
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..surface.atlas_texels import AtlasTexels
-from .agreement import GatheredRatio, Sighting, agreed_ratio
+from .agreement import GatheredRatio, TexelSighting, agreed_ratio
 from .flow import bilinear, flow_between, nearest
 from .illumination import Illumination, encoded_colours, linear_colours
 from .model import GeometryMaps, PersonModel
@@ -70,7 +70,7 @@ def _sighting(
     light: Illumination,
     with_flow: bool,
     usual_px_per_mm: float,
-) -> Sighting:
+) -> TexelSighting:
     frame = model.rendered(picture.pose, picture.camera, light.light)
     seen = model.seen(picture.pose, picture.camera)
     encoded = picture.rgb.astype(np.float32) / 255
@@ -94,7 +94,7 @@ def _sighting(
     log_ratio[visible] = np.log((bilinear(shown, moved) + _NOISE) / (bilinear(rendered, px) + _NOISE))
     length = float(np.linalg.norm(flow_px[seen.is_seen], axis=1).mean()) if seen.is_seen.any() else 0.0
     is_bound[visible] = bilinear(is_clipped, moved) > 0.05
-    return Sighting(weight, log_ratio, is_bound, length)
+    return TexelSighting(weight, log_ratio, is_bound, length)
 
 
 class _ProjectedTexels(NamedTuple):

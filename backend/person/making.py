@@ -4,7 +4,7 @@
 - gather (`gathering`): what pictures show of each texel
 - numbers (`numbers`): blood; strength and tint of the light
 - complete (`completion`): delighting with a prior, and what no picture shows
-- refit (`refit`; `rig.skin_fit` of calibrated cameras): poses and shape, by flow from render to picture, and outlines
+- refit (`refit`; `skin_fit` of calibrated cameras): poses and shape, by flow from render to picture, and outlines
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .lamp_search import with_lamp
 from .model import PersonModel
 from .numbers import PixelTones, ToneFamily, fitted_melanin
 from .refit import refitted
-from .rig.skin_fit import fitted_to_skin
+from .skin_fit import fitted_to_skin
 
 _REPORTED = 1e-3
 _LEAST_SEEN = 0.05

@@ -66,12 +66,13 @@ def _pictured_hand(
     if source.other is not None:
         raise LiveHandError(f"--hand is the hand model of a capture's poses, {path} is no capture; leave it out")
     from ..tracking.weights import load_networks
+    from .camera_gains import with_camera_gains
     from .rig.calibration import has_cameras
     from .rig.pictures_of_rig import pictures_of_rig
 
     if has_cameras(path):
-        networks = load_networks(source.weights)
-        return _hand_of_rig(pictures_of_rig(path, networks=networks, model=model, say=log), side)
+        hands = pictures_of_rig(path, networks=load_networks(source.weights), model=model, say=log)
+        return _hand_of_rig(with_camera_gains(hands, model), side)
 
     if path.is_file() and path.suffix.lower() in FILM_SUFFIXES:
         from .film import pictures_of_film

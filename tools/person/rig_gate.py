@@ -18,6 +18,7 @@ from PIL import Image
 
 from ...backend.evaluation.perceptual.lpips import load_lpips
 from ...backend.hand.model_file import load_default_hand
+from ...backend.person.camera_gains import with_camera_gains
 from ...backend.person.making import MakingOptions, person_of_pictures
 from ...backend.person.model import PersonModel
 from ...backend.person.person_avatar import shipped_bases
@@ -37,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stdout.write(f"[{time.monotonic() - started:5.0f} s] {line}\n")
         sys.stdout.flush()
 
-    hands = pictures_of_rig(args.folder, args.held_out, say=say)
+    hands = with_camera_gains(pictures_of_rig(args.folder, args.held_out, say=say), load_default_hand())
     bases = shipped_bases(load_default_hand())
     for side, hand in hands.items():
         given = replace(hand, offset_m=None) if args.without_offset else hand

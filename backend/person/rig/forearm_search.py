@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.ndimage import map_coordinates
 from torch import Tensor
 
 from ...geometry.rotation import axis_angle_to_matrix
 from ...records.camera import Camera
-from ..flow import nearest
 from .calibration import RigView
 from .outlines import NONE, covered_pixels
 from .rig_hands import HandParameters, RigHands
@@ -87,7 +87,10 @@ class _Likeness:
         """Look up world points; 0 outside the picture."""
         px, depth = self.camera.project(points.reshape(-1, 3))
         inside = (depth > 0) & ((px > 0) & (px < self.camera.size_px)).all(1)
-        return np.where(inside, nearest(self.skin, np.nan_to_num(px)), 0.0).reshape(points.shape[:2])
+        shown = map_coordinates(self.skin, px[inside].T[::-1] - 0.5, order=0, mode="nearest")
+        found = np.zeros(len(px))
+        found[inside] = shown
+        return found.reshape(points.shape[:2])
 
 
 class _Forearm(NamedTuple):

@@ -1,14 +1,12 @@
 """A folder of several calibrated cameras' pictures of one instant, as pictured hands.
 
 What one hand hides of the other is unknown in the other's pictures. Pictures are cropped to the hand; those of a left
-hand are mirrored, with their cameras and the world, in the plane x = 0. Cameras' exposures and white balances are found
-from the skin of both hands; those of cameras held out stay unknown.
+hand are mirrored, with their cameras and the world, in the plane x = 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +18,6 @@ from ...records.errors import LiveHandError
 from ...records.hand_picture import HAND, HandPicture, PicturedHand
 from ...records.side import Side
 from ...tracking.weights import TrackerNetworks, load_networks
-from ..camera_gains import camera_log_gains
 from .calibration import LEAST_VIEWS, RigView, read_rig
 from .rig_fit import FittedRig, Say, fitted_rig
 from .view_masks import LABEL_OF, hand_labels
@@ -53,13 +50,10 @@ def pictures_of_rig(
         LiveHandError: the folder is not a rig's, the tracker has not been fetched, a camera to hold out is none of the
             rig's, or no hand is seen by three cameras or more that agree.
     """
-    views, model = read_rig(folder, instant), model or load_default_hand()
+    views = read_rig(folder, instant)
     rows = _rows(views, held_out)
-    fitted = fitted_rig(views, networks or load_networks(), model, rows, say)
-    hands = pictured_hands(views, fitted, rows, Path(folder).name)
-    gains = _camera_log_gains(hands.values(), model)
-    say(f"cameras' gains: { ({name: np.exp(gain).round(2).tolist() for name, gain in gains.items()}) }")
-    return {side: _with_gains(hand, gains) for side, hand in hands.items()}
+    fitted = fitted_rig(views, networks or load_networks(), model or load_default_hand(), rows, say)
+    return pictured_hands(views, fitted, rows, Path(folder).name)
 
 
 def pictured_hands(
@@ -87,24 +81,6 @@ def pictured_hands(
             f"a hand must be shown free by at least {LEAST_VIEWS} cameras, got fewer; turn or free it, or add cameras"
         )
     return hands
-
-
-def _camera_log_gains(hands: Iterable[PicturedHand], model: HandModel) -> dict[int, tuple[float, float, float]]:
-    """Find the gains of all cameras that are not held out, from the skin of all hands."""
-    shown = [
-        replace(picture, moment=number)
-        for number, hand in enumerate(hands)
-        for picture in hand.pictures
-        if not picture.is_held_out
-    ]
-    return camera_log_gains(shown, model.for_side("right"))
-
-
-def _with_gains(hand: PicturedHand, gains: Mapping[int, tuple[float, float, float]]) -> PicturedHand:
-    pictures = [
-        replace(picture, log_gain=gains.get(picture.camera_index, picture.log_gain)) for picture in hand.pictures
-    ]
-    return replace(hand, pictures=tuple(pictures))
 
 
 def mirrored_camera(camera: Camera) -> Camera:

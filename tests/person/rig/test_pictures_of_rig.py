@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from livehand.backend.capture.picture import linear_to_srgb, srgb_to_linear
 from livehand.backend.hand.lbs import posed_vertices
+from livehand.backend.person.camera_gains import with_camera_gains
 from livehand.backend.person.rig import pictures_of_rig as room
 from livehand.backend.person.rig.pictures_of_rig import mirrored_camera, pictured_hands, pictures_of_rig
 from livehand.backend.person.rig.rig_fit import FittedRig
@@ -61,14 +62,10 @@ def test_each_hand_has_its_pictures_where_its_pose_is_projected(made_rig, fitted
             assert skin.mean(0) == pytest.approx((193, 138, 108), abs=12)
 
 
-def test_a_camera_s_gain_is_found_but_for_one_held_out(made_rig, fitted, monkeypatch):
-    monkeypatch.setattr(room, "load_networks", lambda: None)
-    monkeypatch.setattr(room, "fitted_rig", lambda views, networks, model, rows, say: fitted)
-
+def test_a_camera_s_gain_is_found_but_for_one_held_out(made_rig, fitted):
     def gains(views):
-        monkeypatch.setattr(room, "read_rig", lambda folder, instant: tuple(views))
-        pictures = pictures_of_rig("made", [6])["left"].pictures
-        return {picture.camera_index: np.array(picture.log_gain) for picture in pictures}
+        hands = with_camera_gains(pictured_hands(views, fitted, [3], "made"), made_rig.model)
+        return {picture.camera_index: np.array(picture.log_gain) for picture in hands["left"].pictures}
 
     views = made_rig.views()
     even = gains(views)
@@ -102,3 +99,12 @@ def test_cameras_to_hold_out_must_be_the_rig_s(made_rig, monkeypatch):
     monkeypatch.setattr(room, "read_rig", lambda folder, instant: tuple(made_rig.views()))
     with pytest.raises(LiveHandError, match=r"must be among \[0, 2, 4, .*, 14\], got \[3\]"):
         pictures_of_rig("made", [3])
+
+
+def test_a_folder_s_hands_are_those_of_its_fit(made_rig, fitted, monkeypatch):
+    monkeypatch.setattr(room, "read_rig", lambda folder, instant: tuple(made_rig.views()))
+    monkeypatch.setattr(room, "load_networks", lambda: None)
+    monkeypatch.setattr(room, "fitted_rig", lambda views, networks, model, rows, say: fitted)
+    hands = pictures_of_rig("folder/made", [6])
+    assert {hand.source for hand in hands.values()} == {"made"}
+    assert {one.camera_index for hand in hands.values() for one in hand.pictures if one.is_held_out} == {6}

@@ -12,18 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from ...capture.masks.mask import load_opencv
-from ...records.hand_picture import HAND, UNKNOWN, HandPicture, PicturedHand
-from ...system.thread_limits import thread_limit
-from ..flow import bilinear, flow_between, local_contrast, nearest
-from ..illumination import Illumination, encoded_colours
-from ..model import PersonModel
-from .landmark_pose import LandmarkTargets
-from .outline_fit import RigFit, ViewOutlines
-from .outlines import OutlineTree, outline_of
-from .rig_cameras import turned
-from .rig_hands import RigHands
-from .shape_offsets import OffsetFit, VertexTargets, fitted_offsets
+from ..capture.masks.mask import load_opencv
+from ..records.hand_picture import HAND, UNKNOWN, HandPicture, PicturedHand
+from ..system.thread_limits import thread_limit
+from .flow import bilinear, flow_between, local_contrast, nearest
+from .illumination import Illumination, encoded_colours
+from .model import PersonModel
+from .rig.landmark_pose import LandmarkTargets
+from .rig.outline_fit import RigFit, ViewOutlines
+from .rig.outlines import OutlineTree, outline_of
+from .rig.rig_cameras import turned
+from .rig.rig_hands import RigHands
+from .rig.shape_offsets import OffsetFit, VertexTargets, fitted_offsets
 
 _SMOOTH_PX, _ERROR_PX = 2.0, 1.5  # of flow
 _MOST_MM = 6.0  # that skin lies off

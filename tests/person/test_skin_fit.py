@@ -8,7 +8,7 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.person.illumination import Illumination, lobe_directions
 from livehand.backend.person.person_avatar import shipped_bases
 from livehand.backend.person.rig.rig_cameras import turned
-from livehand.backend.person.rig.skin_fit import fitted_to_skin
+from livehand.backend.person.skin_fit import fitted_to_skin
 from livehand.backend.records.hand_picture import HAND, UNKNOWN
 from livehand.tests.person.conftest import pictured
 from scipy.ndimage import binary_erosion, gaussian_filter
@@ -44,7 +44,9 @@ def off_px(model, pictures, truth):
     """Mean distance of the hand's points from where each picture shows them."""
     places = []
     for picture, true in zip(pictures, truth, strict=True):
-        points = [one.camera.project(model.vertices(one.pose)[model.hand.framed_vertices])[0] for one in (picture, true)]
+        points = [
+            one.camera.project(model.vertices(one.pose)[model.hand.framed_vertices])[0] for one in (picture, true)
+        ]
         places.append(np.linalg.norm(points[0] - points[1], axis=1).mean())
     return np.array(places)
 
@@ -57,7 +59,6 @@ def test_skin_brings_hand_and_cameras_back(spotted, sees_edges):
     off = [moved(picture, index) for index, picture in enumerate(given)]
     found = fitted_to_skin(model, replace(hand, pictures=tuple(off)), {0: light})
     before, after = (off_px(model, pictures, hand.pictures)[:-1] for pictures in (off, found.pictures))
-    print("OFF", before, after, 1000 * np.abs(found.offset_m).max())
     assert before.min() > 1
     assert after.max() < 0.5 * before.min()
     assert 1000 * np.abs(found.offset_m).max() < 1.5
