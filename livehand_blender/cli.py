@@ -19,6 +19,7 @@ from ..backend.capture.importers.interhand_command import COMMAND as IMPORT_INTE
 from ..backend.capture.importers.transforms_command import COMMAND as IMPORT_TRANSFORMS
 from ..backend.capture.masks.mask_command import COMMAND as MASK
 from ..backend.commands import render_motion as render_poses
+from ..backend.commands.extract_mesh.command import COMMAND as EXTRACT_MESH
 from ..backend.commands.inspect import COMMAND as INSPECT
 from ..backend.commands.inspect import report
 from ..backend.commands.origin import COMMAND as ORIGIN
@@ -159,6 +160,7 @@ COMMANDS: dict[str, Command] = {
         FETCH_PERCEPTUAL,
         TRACK,
         REENACT,
+        EXTRACT_MESH,
         ORIGIN,
         SIGN,
         *_optional("livehand_blender.research.commands"),

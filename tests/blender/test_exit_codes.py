@@ -35,6 +35,8 @@ FAILING = {
     "person": "NO -o OUT.safetensors",
     "track": "NO -o OUT.npz",
     "reenact": "NO -o OUT",
+    "consistency": "NO.safetensors",
+    "extract-mesh": "NO.safetensors -o OUT.ply",
     "origin": "NO.png",
     "sign": "NO.png --certificate NO.pem --private-key NO.pem",
     "warm-up": "",  # fails only where it cannot write
