@@ -2,6 +2,6 @@
 
 from ...backend.research.comparison.command import COMMAND as COMPARE
 from .command import COMMAND as BENCHMARK
-from .consistency import COMMAND as CONSISTENCY
+from .consistency_command import COMMAND as CONSISTENCY
 
 COMMANDS = (COMPARE, BENCHMARK, CONSISTENCY)

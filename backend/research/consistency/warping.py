@@ -43,7 +43,7 @@ class MeshView:
         size_px = self.camera.size_px
         return nearest_fronts(rasterise(positions_px, depth, torch.as_tensor(self.faces), size_px), size_px)
 
-    def skin(self) -> SkinPlaces:
+    def visible_points(self) -> MeshPoints:
         """Find the places of skin at the centres of all pixels that show some."""
         pixel = (self.fronts.face >= 0).nonzero()[:, 0].numpy()
         face, depth = self.fronts.face[pixel], self.fronts.depth[pixel].numpy()
@@ -51,12 +51,12 @@ class MeshView:
         points = self.camera.cam2world[:3, 3] + depth[:, None] * self.camera.ray_directions(centres_px)
         triangles = torch.as_tensor(self.vertices[self.faces[face]])
         weights, _ = closest_on_triangles(torch.as_tensor(points), triangles)
-        return SkinPlaces(pixel, face.numpy(), weights.numpy())
+        return MeshPoints(pixel, face.numpy(), weights.numpy())
 
-    def positions(self, places: SkinPlaces) -> tuple[np.ndarray, np.ndarray]:
+    def positions(self, points: MeshPoints) -> tuple[np.ndarray, np.ndarray]:
         """Return where places of skin are in the picture [P, 2] px, and whether each is seen there [P]."""
-        corners = self.vertices[self.faces[places.face]]
-        px, depth = self.camera.project((corners * places.weights[..., None]).sum(1))
+        corners = self.vertices[self.faces[points.face]]
+        px, depth = self.camera.project((corners * points.weights[..., None]).sum(1))
         width, height = self.camera.size_px
         column, row = np.floor(px).astype(int).T
         is_inside = (column > 0) & (column < width - 1) & (row > 0) & (row < height - 1)
@@ -64,7 +64,7 @@ class MeshView:
         return px, is_inside & (np.abs(self.fronts.depth.numpy()[pixel] - depth) < _SAME_M)
 
 
-class SkinPlaces(NamedTuple):
+class MeshPoints(NamedTuple):
     """P places of skin: the pixel of the view that they were found in, their face, and their barycentric weights."""
 
     pixel: np.ndarray
@@ -93,17 +93,17 @@ def warped(views: tuple[MeshView, MeshView, MeshView], images: tuple[np.ndarray,
         views: of the frames, in their order.
         images: [H, W, 4] sRGB-encoded colour times alpha, and alpha, of each.
     """
-    places = views[1].skin()
-    here = images[1].reshape(-1, 4)[places.pixel]
+    points = views[1].visible_points()
+    here = images[1].reshape(-1, 4)[points.pixel]
     is_kept, colours = here[:, 3] >= _SOLID, []
     for view, image in ((views[0], images[0]), (views[2], images[2])):
-        px, is_seen = view.positions(places)
+        px, is_seen = view.positions(points)
         sampled = _bilinear(image, px)
         is_kept &= is_seen & (sampled[:, 3] >= _SOLID)
         colours.append(sampled[:, :3])
     before, after = (LEVELS * one[is_kept] for one in colours)
     middle = LEVELS * here[is_kept, :3]
-    return Warped(places.pixel[is_kept], middle - before, middle - (before + after) / 2)
+    return Warped(points.pixel[is_kept], middle - before, middle - (before + after) / 2)
 
 
 def _bilinear(image: np.ndarray, px: np.ndarray) -> np.ndarray:

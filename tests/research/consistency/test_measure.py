@@ -16,7 +16,7 @@ class PaintedSkin:
         self.hand, self.flicker, self.count = hand, flicker, 0
 
     def render(self, shot, *, on_stage=lambda stage: None):
-        places = MeshView(np.asarray(shot.vertices, float), self.hand.f, shot.camera).skin()
+        places = MeshView(np.asarray(shot.vertices, float), self.hand.f, shot.camera).visible_points()
         template = (self.hand.v_template[self.hand.f[places.face]] * places.weights[..., None]).sum(1)
         rgb, alpha = np.zeros((SIZE[0] * SIZE[1], 3), np.float32), np.zeros(SIZE[0] * SIZE[1], np.float32)
         rgb[places.pixel] = 0.3 + 0.1 * np.sin(25 * template) + self.flicker * (self.count % 2)
