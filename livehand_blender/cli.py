@@ -21,6 +21,7 @@ from ..backend.capture.masks.mask_command import COMMAND as MASK
 from ..backend.commands import export
 from ..backend.commands import render_motion as render_poses
 from ..backend.commands.export import COMMAND as EXPORT
+from ..backend.commands.extract_mesh.command import COMMAND as EXTRACT_MESH
 from ..backend.commands.inspect import COMMAND as INSPECT
 from ..backend.commands.inspect import report
 from ..backend.commands.origin import COMMAND as ORIGIN
@@ -187,6 +188,7 @@ COMMANDS: dict[str, Command] = {
         FETCH_PERCEPTUAL,
         TRACK,
         REENACT,
+        EXTRACT_MESH,
         ORIGIN,
         SIGN,
         *_optional("livehand_blender.research.commands"),

@@ -73,7 +73,7 @@ class ColourCalibration(nn.Module):
         return replace(avatar, config=replace(avatar.config, superres=config), superres=superres)
 
 
-def camera_colours(capture: Capture, avatar_cameras: Sequence[int]) -> Correction:
+def camera_colours(capture: Capture, avatar_cameras: Sequence[int], learning_rate: float = LEARNING_RATE) -> Correction:
     """Make gains and biases per camera; the avatar gets those of `avatar_cameras` or, if empty, of the fixed camera.
 
     Raises:
@@ -87,7 +87,7 @@ def camera_colours(capture: Capture, avatar_cameras: Sequence[int]) -> Correctio
     return Correction(
         name="camera_colours",
         module=calibration,
-        learning_rate=LEARNING_RATE,
+        learning_rate=learning_rate,
         after=lambda rendered, source: Rendered(*(calibration(maps, source.camera_index) for maps in rendered)),
         finish=lambda avatar: calibration.with_colours_of(avatar, avatar_cameras) if avatar_cameras else avatar,
         settings={"worn_cameras": list(avatar_cameras)},

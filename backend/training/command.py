@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +14,7 @@ from ..avatars.library import avatar_path
 from ..records.errors import LiveHandError
 from ..system.command import Command, warn
 from ..system.options import add_options, from_options
-from .config import LossConfig, ReportConfig, TrainConfig
+from .config import PAPER, PAPER_CAMERA_RATE, LossConfig, ReportConfig, TrainConfig
 
 if TYPE_CHECKING:
     import torch
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from ..avatars.avatar import Avatar
     from ..capture.capture import Capture
     from ..hand.model import HandModel
+    from .losses import PerceptualDistance
     from .parts import Correction
     from .processes import Processes
     from .setup import TrainingResult, TrainingSetup
@@ -114,9 +117,9 @@ def _train(args: argparse.Namespace, device: torch.device, processes: Processes)
     from .processes import ComputeSetup
 
     output = _checked_output(args.output)
-    config = from_options(TrainConfig, args, loss=from_options(LossConfig, args))
+    config = _config_of(args)
     compute = ComputeSetup(device, args.precision, processes)
-    setup = _setup(args, output, device)
+    setup = _setup(args, config.loss, output, device)
     before = _held_out_db(setup, setup.base.avatar, device) if args.person and setup.base else None
     result = train(setup, config, output, compute, from_options(ReportConfig, args), args.resume)
     if processes.is_first and config.minutes is not None and result.progress.step < _FEW_STEPS:
@@ -133,14 +136,28 @@ def _train(args: argparse.Namespace, device: torch.device, processes: Processes)
     return {**summary, "held_out_before_db": round(before, 2), "brought_db": round(after - before, 2)}
 
 
-def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> TrainingSetup:
+def _config_of(args: argparse.Namespace) -> TrainConfig:
+    """Make the settings of the training; of the paper's, those that are given replace its own."""
+    if args.config != "paper":
+        return from_options(TrainConfig, args, loss=from_options(LossConfig, args))
+    given = {name: value for name, value in vars(args).items() if _is_given(name, args.argv)}
+    loss = {name: value for name, value in given.items() if hasattr(PAPER.loss, name)}
+    own = {name: value for name, value in given.items() if hasattr(PAPER, name)}
+    return replace(PAPER, **own, loss=replace(PAPER.loss, **loss))
+
+
+def _is_given(name: str, argv: Sequence[str]) -> bool:
+    flag = "--" + name.replace("_", "-")
+    return any(word == flag or word.startswith(f"{flag}=") for word in argv)
+
+
+def _setup(args: argparse.Namespace, loss: LossConfig, output: Path, device: torch.device) -> TrainingSetup:
     from ..avatars.avatar import PRESETS
     from ..capture.capture import load_capture
     from ..capture.check import check_capture
     from ..capture.half_size import half_size
     from ..hand.model_file import DEFAULT_HAND, load_hand_model
     from ..surface.skin_version import is_current_skin
-    from .losses import load_perceptual_distance
     from .setup import TrainingSetup, load_base_avatar
 
     hand = load_hand_model(args.hand or DEFAULT_HAND)
@@ -157,8 +174,7 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
         raise LiveHandError("--from-hand is the hand of the avatar to start from; give that avatar with --from")
     from_hand = load_hand_model(args.from_hand) if args.from_hand else None
     base = load_base_avatar(args.base, from_hand) if args.base else None
-    weights = (args.perceptual_weights, args.lpips_heads, args.lpips_range)
-    perceptual = load_perceptual_distance(*weights) if args.perceptual > 0 else None
+    perceptual = _perceptual(args) if loss.perceptual > 0 else None
     corrections = _corrections(args, capture, hand, output, device)
     config = args.config or ("relightable" if capture.is_lit else "default")
     if config == "relightable" and (args.camera_colours or args.avatar_cameras):
@@ -167,6 +183,16 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
             "leave it out, or train with --config default"
         )
     return TrainingSetup(capture, hand, PRESETS[config], perceptual, corrections, base)
+
+
+def _perceptual(args: argparse.Namespace) -> PerceptualDistance:
+    """Load the perceptual distance: of the paper, unless files are named, LPIPS by the VGG16 that has been fetched."""
+    from ..evaluation.perceptual.fetched import fetched_lpips
+    from .losses import load_perceptual_distance
+
+    if args.config == "paper" and args.perceptual_weights is None:
+        return fetched_lpips("vgg16", args.lpips_range)
+    return load_perceptual_distance(args.perceptual_weights, args.lpips_heads, args.lpips_range)
 
 
 def _person_base(args: argparse.Namespace, hand: HandModel, output: Path) -> Path:
@@ -202,7 +228,9 @@ def _corrections(
     if args.refine or args.refine_surface:
         config = RefinementConfig(surface_deviation_m=_SURFACE_DEVIATION_M if args.refine_surface else 0.0)
         corrections.append(refined_poses(capture, hand, config, output.with_suffix(".refined"), device))
-    if args.camera_colours or args.avatar_cameras:
+    if args.config == "paper":
+        corrections.append(camera_colours(capture, args.avatar_cameras, PAPER_CAMERA_RATE))
+    elif args.camera_colours or args.avatar_cameras:
         corrections.append(camera_colours(capture, args.avatar_cameras))
     return tuple(corrections)
 

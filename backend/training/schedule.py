@@ -96,11 +96,11 @@ class Schedule:
         return self.done(step, seconds) >= self.total
 
     def at(self, step: int, seconds: float = 0.0) -> ScheduleState:
-        """Compute the schedule of a step that begins after so many seconds: linear warm-up, then cosine decay."""
+        """Compute the schedule of a step that begins after so many seconds: linear warm-up, then decay."""
         config, done = self.config, self.done(step, seconds)
-        decay = 0.5 * (1 + cos(pi * done / self.total))
-        rate = self._warmup(step, done) * (config.final_learning_rate + (1 - config.final_learning_rate) * decay)
-        progress = done / self.total
+        progress, final = done / self.total, config.final_learning_rate
+        fallen = final**progress if config.decay == "exponential" else final + (1 - final) * _cosine(progress)
+        rate = self._warmup(step, done) * fallen
         return ScheduleState(step, progress, rate, perceptual_ramp(progress, config.loss))
 
     def remaining_s(self, step: int, seconds: float, seconds_per_step: float) -> float:
@@ -113,6 +113,11 @@ class Schedule:
             return min(1.0, (step + 1) / self.config.warmup_steps)
         least = 1 / self.config.warmup_steps  # the first step must have an effect
         return min(1.0, max(least, done / (self.total * self.config.warmup_share)))
+
+
+def _cosine(progress: float) -> float:
+    """Fall from 1 to 0 along half a wave."""
+    return 0.5 * (1 + cos(pi * progress))
 
 
 def perceptual_ramp(progress: float, config: LossConfig) -> float:

@@ -34,11 +34,11 @@ from .hand_source import load_renderer_in_blender
 from .keep_look import in_scene_colours
 from .light_groups import GroupedFrames, group_passes, grouped_frames, light_groups, pass_name, task_with_groups
 from .light_passes import Measurement, is_measured, with_measured_light
-from .origin import with_watermark
 from .panels import LIVEHAND_PT_hand_light, LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
 from .passes import ScenePasses, cryptomatte_passes, wanted_passes
+from .picture_origin import with_watermark
 from .preparation import Preparation
 from .render_result import read_scene, write_picture
 from .viewport import viewport_of

@@ -23,8 +23,8 @@ from ..scene.camera import Eye, read_camera, render_region
 from .cycles import is_in_scene
 from .hand_source import HandSource, hand_source, load_for, read_device, read_grade
 from .light_groups import light_groups
-from .origin import read_payload
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
+from .picture_origin import read_payload
 
 LOGGER = logging.getLogger(__name__)
 

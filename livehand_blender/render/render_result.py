@@ -11,8 +11,8 @@ from ...backend.render.cryptomatte import crypto_metadata
 from ...backend.render.picture import Picture
 from .frame_setup import FrameSetup
 from .light_groups import pass_name
-from .origin import metadata_fields
 from .passes import CRYPTOMATTE, ScenePasses, drawn_passes
+from .picture_origin import metadata_fields
 
 
 def read_scene(result: bpy.types.RenderResult, layer: str, view: str, size_px: tuple[int, int]) -> ScenePasses:

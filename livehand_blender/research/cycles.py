@@ -24,6 +24,7 @@ from ..capture.bake import bake_skin
 from ..capture.scene import capture_scene, set_camera
 from ..capture.skin import SkinTone, baked_material
 from ..capture.surface import SkinSurface
+from ..scene.file_paths import output_path
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,16 @@ class CyclesHand:
             stopwatch.begin(SYNC)
             bpy.ops.render.render()
             return stopwatch.stop()
+
+    def save(self, frame: MotionFrame, samples: int, path: Path) -> None:
+        """Render one frame with denoising into a PNG; raises OSError where it cannot be written."""
+        self.surface.set_pose(frame.pose)
+        set_camera(self.scene, frame.camera)
+        self.scene.cycles.samples = samples
+        self.scene.cycles.use_denoising = True
+        self.scene.render.filepath = output_path(path)
+        with blender_silenced():
+            bpy.ops.render.render(write_still=True)
 
 
 @contextlib.contextmanager

@@ -38,6 +38,8 @@ FAILING = {
     "track": "NO -o OUT.npz",
     "reenact": "NO -o OUT",
     "export": "NO -o OUT.csv",
+    "consistency": "NO.safetensors",
+    "extract-mesh": "NO.safetensors -o OUT.ply",
     "origin": "NO.png",
     "sign": "NO.png --certificate NO.pem --private-key NO.pem",
     "warm-up": "",  # fails only where it cannot write

@@ -7,6 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from livehand.backend.avatars.file import load_avatar, save_avatar
+from livehand.backend.avatars.library import avatar_path
+from livehand.backend.avatars.origin import read_origin
+from livehand.backend.batch.content_credentials import read_manifest
 from livehand.backend.capture.exr import read_exr
 from livehand.backend.commands.render_motion import (
     add_arguments,
@@ -19,6 +22,7 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
 from livehand.backend.hand.model_file import builtin_hand_path, load_hand_model
 from livehand.backend.image.frame_writer import write_png
+from livehand.backend.image.watermark.detection import read_watermark
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.landmarks.sighting import MEDIAPIPE_IN_WEBXR
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton
@@ -153,6 +157,20 @@ def test_the_hand_is_in_a_studios_light(gestures, tmp_path):
     assert np.nanpercentile(grey, 95) > 2.5 * np.nanpercentile(grey, 5)
 
 
+def test_pictures_tell_their_avatar_and_are_signed(gestures, tmp_path, signer):
+    pytest.importorskip("c2pa")
+    options = ["--watermark", "--certificate", str(signer[0]), "--private-key", str(signer[1]), "--avatar", "deep"]
+    command = ["render", str(gestures), "-o", str(tmp_path / "out"), "--frames", "1", "--size", "334x512", *options]
+    assert main(command) == 0
+    path, deep = tmp_path / "out" / "0001.png", read_origin(avatar_path("deep"))
+    with Image.open(path) as picture:
+        pixels = np.asarray(picture, np.float32)
+        assert picture.info["LiveHand/Avatar"] == "deep"
+    seen = (pixels[..., :3] * (pixels[..., 3:] / 255)).round().astype(np.uint8)
+    assert read_watermark(seen, (1.0,)).agreement(deep.payload) == 64
+    assert read_manifest(path).origin["avatars"] == [{"name": "deep", "licence": deep.licence, "consent": ""}]
+
+
 def test_a_pose_file_is_rendered_to_images(gestures, tmp_path):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
@@ -165,6 +183,7 @@ def test_a_pose_file_is_rendered_to_images(gestures, tmp_path):
         "json": False,
         "format": None,
     }
+    whole |= {"watermark": False, "certificate": None, "private_key": None}
     args = argparse.Namespace(**asked, **whole, **vars(parser.parse_args(["--side", "right"])))
     result = run(args)
     assert (result["frames"], result["folder"]) == (1, str(tmp_path / "out"))

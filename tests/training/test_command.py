@@ -1,16 +1,22 @@
 """The command `livehand train`."""
 
+import argparse
 import json
 import shutil
 from dataclasses import replace
 
 import pytest
+import torch
 from livehand.backend.avatars.avatar import PRESETS
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.capture.capture import index_document
+from livehand.backend.evaluation.perceptual.vgg import PerceptualLoss
 from livehand.backend.surface.skin_version import SKIN_VERSION, skin_version
 from livehand.backend.system.command import run_commands
-from livehand.backend.training.command import PRESET_NAMES
+from livehand.backend.training.command import PRESET_NAMES, _config_of
+from livehand.backend.training.config import TrainConfig
+from livehand.backend.training.losses import crop_loss
+from livehand.backend.training.schedule import Schedule
 from livehand.livehand_blender.cli import COMMANDS
 
 
@@ -21,6 +27,58 @@ def _small_networks(small, monkeypatch):
 
 def test_the_command_knows_the_presets():
     assert tuple(PRESETS) == PRESET_NAMES
+
+
+class AbsoluteDistance(PerceptualLoss):
+    """Stands for LPIPS, of a value that is known."""
+
+    def __init__(self):
+        torch.nn.Module.__init__(self)
+
+    def forward(self, image, target):
+        return (image - target).abs().mean()
+
+
+def config_of(*options):
+    parser = argparse.ArgumentParser()
+    COMMANDS["train"].add_arguments(parser)
+    argv = ["capture", "-o", "a.safetensors", *options]
+    args = parser.parse_args(argv)
+    args.argv = tuple(argv)
+    return _config_of(args)
+
+
+def test_the_papers_configuration_is_its_training_and_options_replace_its_parts():
+    paper = config_of("--config", "paper")
+    assert (paper.steps, paper.batch, paper.learning_rate, paper.warmup_steps) == (300_000, 1, 2.5e-3, 1)
+    rates = [Schedule(paper).at(step).rate_factor for step in (0, 125_000, 250_000)]
+    assert rates == pytest.approx([1, 0.1**0.5, 0.1])
+    assert [Schedule(paper).at(step).perceptual_factor for step in (0, 299_999)] == [1, 1]
+    assert config_of("--config", "default") == config_of() == TrainConfig()
+    changed = config_of("--config", "paper", "--steps", "10000", "--perceptual=0.01", "--licence", "CC0")
+    assert changed == replace(paper, steps=10_000, licence="CC0", loss=replace(paper.loss, perceptual=0.01))
+
+
+def test_the_papers_loss_is_squared_error_and_lpips_one_to_one_at_both_resolutions():
+    target, distance = torch.zeros(4, 8, 8), AbsoluteDistance()
+    image, low = target + 0.2, target[:, ::2, ::2] + 0.1
+    image[3], low[3] = 0, 0
+    inside = torch.ones(8, 8, dtype=torch.bool)
+    terms = crop_loss(low, image, target, inside, config_of("--config", "paper").loss, distance)
+    parts = terms._replace(total=torch.zeros(()))
+    assert [float(part) for part in parts] == pytest.approx([0.2**2, 0, 0, 0.1**2, 0.2 + 0.1, 0], abs=1e-7)
+
+
+def test_the_papers_training_asks_for_lpips_and_calibrates_cameras(painted_capture, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    command = ["train", str(painted_capture.folder), "-o", str(tmp_path / "a.safetensors"), "--config", "paper"]
+    assert run_commands("livehand", "", COMMANDS, [*command, "--steps", "1", "--device", "cpu"]) == 1
+    assert "LPIPS by vgg16 needs its weights" in capsys.readouterr().err
+    options = ["--steps", "2", "--perceptual", "0", "--device", "cpu", "--preview-minutes", "0", "--precision", "fp32"]
+    assert run_commands("livehand", "", COMMANDS, [*command, *options]) == 0
+    provenance = load_avatar(tmp_path / "a.safetensors").provenance
+    assert provenance["corrections"] == {"camera_colours": {"worn_cameras": []}}
+    assert provenance["training"]["decay"] == "exponential"
 
 
 def test_the_command_trains(painted_capture, tmp_path, capsys):

@@ -22,9 +22,9 @@ LIGHTS = {"soft": "soft", "key": "key", "rim": "rim", "block": "beside walls"}
 NOTHING = ""
 
 
-def markdown(head: Row, rows: Sequence[Row]) -> list[str]:
-    """Return the lines of a Markdown table; all columns but the first are aligned to the right."""
-    return [line(head), line(["---", *["---:"] * (len(head) - 1)]), *map(line, rows)]
+def markdown(head: Row, rows: Sequence[Row], is_text: bool = False) -> list[str]:
+    """Return the lines of a Markdown table; columns but the first are aligned to the right, unless they are text."""
+    return [line(head), line(["---", *["---" if is_text else "---:"] * (len(head) - 1)]), *map(line, rows)]
 
 
 def line(cells: Row) -> str:
@@ -41,7 +41,7 @@ def recorded(document: Document, name: str) -> list[str]:
     """Return a table that was measured once and is kept as it was: `tables.NAME` of its document."""
     table = document["tables"][name]
     rows = [[cell if isinstance(cell, str) else f"{cell:,}" for cell in row] for row in table["rows"]]
-    return markdown(table["columns"], rows) + origin(table["source"])
+    return markdown(table["columns"], rows, table.get("is_text", False)) + origin(table["source"])
 
 
 def machine(benchmark: Document) -> list[str]:

@@ -25,6 +25,7 @@ PAGES = (
     "docs/results/speed.md",
     "docs/results/quality.md",
     "docs/results/comparison.md",
+    "docs/results/paper.md",
 )
 BLOCK = re.compile(r"(<!-- table: ([\w.-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 OPENING = re.compile(r"<!-- table:")

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float, Int
-from scipy.spatial import KDTree
+from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import normalize
 from torch.utils.checkpoint import checkpoint
@@ -24,12 +23,12 @@ from ...compute.precision import autocast
 from ...evaluation.shot_renderer import no_stage
 from ...field.conditions import FieldInputs
 from ...field.field import PaperField
+from ...field.near_skin import NearSkin
 from ...field.rays import CameraTensors, camera_tensors, ray_directions, ray_origin
 from ...field.sampler import SamplerConfig, strata
-from ...field.surface_tracking import track
 from ...field.volume import Composite
 from ...geometry.mesh import PosedMesh, Topology
-from ...geometry.uvh import SurfaceSamples, atlas_uv
+from ...geometry.uvh import atlas_uv
 from ...hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ...image.crop import crop_of
 from ...image.decode import decode_frame
@@ -53,46 +52,7 @@ COARSE, FINE = 32, 32
 _STEP_SHARE = 0.5
 _MAX_SHELLS = 3.0
 _RAYS_AT_ONCE = 1024
-_TRACKED_M = 0.03  # samples farther from all vertices keep the nearest one's place: their height is clipped anyway
 _SAMPLER = SamplerConfig(shell_m=SHELL_M)
-
-
-class NearSkin:
-    """Projects any points onto a posed mesh.
-
-    Args:
-        mesh: of the pose.
-        topology: of the hand.
-    """
-
-    def __init__(self, mesh: PosedMesh, topology: Topology):
-        self._mesh, self._topology = mesh, topology
-        self._tree = KDTree(mesh.vertices.cpu().numpy())
-        faces = topology.faces
-        of_corner = torch.arange(len(faces), device=faces.device).repeat_interleave(3)
-        of_vertex = torch.zeros(len(mesh.vertices), dtype=torch.long, device=faces.device)
-        # The first face of each: an assignment would take any one, and another every time.
-        self._face_of_vertex = of_vertex.scatter_reduce(0, faces.flatten(), of_corner, "amin", include_self=False)
-
-    def at(self, points: Float[Tensor, "S 3"]) -> SurfaceSamples:
-        """Find the surface point below each; heights in the template's metres, far ones only roughly."""
-        distance, vertex = self._tree.query(points.detach().cpu().numpy())
-        distance, vertex = (torch.as_tensor(values, device=points.device) for values in (distance, vertex))
-        face = self._face_of_vertex[vertex]
-        barycentric = (self._topology.faces[face] == vertex[:, None]).float()
-        offset = points - self._mesh.vertices[vertex]
-        outside = torch.where((offset * self._mesh.normals[vertex]).sum(-1) < 0, -1.0, 1.0)
-        height = outside * distance.float()
-        (near,) = torch.where(distance < _TRACKED_M * float(self._mesh.scale))
-        found = self._tracked(points[near], face[near])
-        face = face.index_put((near,), found.face)
-        barycentric = barycentric.index_put((near,), found.barycentric)
-        height = height.index_put((near,), found.height_m)
-        return SurfaceSamples(face, barycentric, height / self._mesh.scale)
-
-    def _tracked(self, points: Float[Tensor, "P 3"], face: Int[Tensor, " P"]) -> SurfaceSamples:
-        is_open = torch.ones(len(points), 1, 1, dtype=torch.bool, device=points.device)
-        return track(points[:, None], face[:, None], is_open, self._topology, self._mesh)
 
 
 class HierarchicalNetworks(nn.Module):

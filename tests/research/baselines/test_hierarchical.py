@@ -8,6 +8,7 @@ import torch
 from livehand.backend.avatars.avatar import PRESETS, new_avatar
 from livehand.backend.avatars.file import save_avatar
 from livehand.backend.evaluation.shot_renderer import ShotRenderer
+from livehand.backend.field.near_skin import NearSkin
 from livehand.backend.field.rays import project
 from livehand.backend.geometry.uvh import interpolate
 from livehand.backend.hand.lbs import posed_vertices
@@ -15,7 +16,7 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import Shot
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.research.baselines.avatar_rows import AVATAR_FILE
-from livehand.backend.research.baselines.hierarchical import HIERARCHICAL, NearSkin, box_rays
+from livehand.backend.research.baselines.hierarchical import HIERARCHICAL, box_rays
 
 
 def test_points_near_the_skin_are_projected_onto_it(posed, nearest_face):

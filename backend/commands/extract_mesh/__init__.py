@@ -1,0 +1,1 @@
+"""Extracts a triangle mesh from an avatar's density."""
