@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import blf
 import bpy
-from gpu_extras.batch import batch_for_shader
-
 import gpu
+from gpu_extras.batch import batch_for_shader
 
 from ...backend.records.errors import LiveHandError
 from ...backend.render.frame_task import is_equal
