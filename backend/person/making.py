@@ -223,8 +223,8 @@ def lines_of_making(hand: PicturedHand, options: MakingOptions) -> int:
     """Count the lines that `person_of_pictures` logs."""
     scenes = len({picture.scene for picture in hand.pictures})
     refits = _refits(hand, options)
-    told = 0 if hand.is_calibrated else sum(refits)
-    return len(refits) * (scenes + 1) + told + scenes + options.rounds
+    of_refits = 0 if hand.is_calibrated else sum(refits)
+    return len(refits) * (scenes + 1) + of_refits + scenes + options.rounds
 
 
 def _refits(hand: PicturedHand, options: MakingOptions) -> tuple[int, ...]:

@@ -15,9 +15,9 @@ from ..hand.model import HandModel
 from ..records.side import Side
 from ..render.thumbnail import with_thumbnail
 from ..surface.albedo_ratio import MARKS_ARRAYS, RATIO_ARRAY
+from ..surface.atlas_masks import confidence_map, marks_map
 from ..surface.base_surface import whole_surface
 from ..surface.detail_surface import OFFSET_STEP_M
-from .atlas_masks import confidence_map, marks_map
 from .making import Bases, MadePerson
 from .model import PersonModel
 

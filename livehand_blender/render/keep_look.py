@@ -16,9 +16,9 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
+from ...backend.image.view_inverse import ViewInverse
 from ...backend.records.errors import LiveHandError
 from ...backend.records.frame import Frame
-from ...backend.render.view_inverse import ViewInverse
 from ..scene.colour import in_working_space, rec709_to_working_space
 
 # A view whose inverse is off by more than this for half of all colours (8-bit levels) cannot be inverted.

@@ -30,6 +30,7 @@ OPTIONAL = {
     "scipy": (
         "backend/person/",
         "backend/rigs/model_transfer/",
+        "backend/surface/atlas_masks.py",
         "backend/surface/atlas_texels.py",
         "backend/hand/penetration.py",
     ),

@@ -57,8 +57,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from ...hand.lbs import posed_vertices
     from ...hand.model_file import DEFAULT_HAND, load_hand_model
     from ...records.camera import Camera
-    from ...records.shot import HandPose, Shot
-    from ...records.surface_mesh import SurfaceMesh
+    from ...records.shot import HandPose, Shot, SurfaceMesh
     from ...render.renderer import Renderer
     from .density_volume import density_volume, distances_m
 

@@ -19,8 +19,7 @@ from ...geometry.closest_point import closest_on_triangles
 from ...geometry.mesh import PosedMesh, Topology
 from ...geometry.uvh import SurfaceSamples
 from ...records.errors import LiveHandError
-from ...records.shot import Shot
-from ...records.surface_mesh import SurfaceMesh
+from ...records.shot import Shot, SurfaceMesh
 from ...render.renderer import Renderer
 
 _STEP_MM = 0.25  # of the ray through each point, whose opacity tells the density there

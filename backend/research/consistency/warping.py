@@ -43,7 +43,7 @@ class MeshView:
         size_px = self.camera.size_px
         return nearest_fronts(rasterise(positions_px, depth, torch.as_tensor(self.faces), size_px), size_px)
 
-    def visible_points(self) -> MeshPoints:
+    def visible_points(self) -> FrontPoints:
         """Find the places of skin at the centres of all pixels that show some."""
         pixel = (self.fronts.face >= 0).nonzero()[:, 0].numpy()
         face, depth = self.fronts.face[pixel], self.fronts.depth[pixel].numpy()
@@ -51,9 +51,9 @@ class MeshView:
         points = self.camera.cam2world[:3, 3] + depth[:, None] * self.camera.ray_directions(centres_px)
         triangles = torch.as_tensor(self.vertices[self.faces[face]])
         weights, _ = closest_on_triangles(torch.as_tensor(points), triangles)
-        return MeshPoints(pixel, face.numpy(), weights.numpy())
+        return FrontPoints(pixel, face.numpy(), weights.numpy())
 
-    def positions(self, points: MeshPoints) -> tuple[np.ndarray, np.ndarray]:
+    def positions(self, points: FrontPoints) -> tuple[np.ndarray, np.ndarray]:
         """Return where places of skin are in the picture [P, 2] px, and whether each is seen there [P]."""
         corners = self.vertices[self.faces[points.face]]
         px, depth = self.camera.project((corners * points.weights[..., None]).sum(1))
@@ -64,7 +64,7 @@ class MeshView:
         return px, is_inside & (np.abs(self.fronts.depth.numpy()[pixel] - depth) < _SAME_M)
 
 
-class MeshPoints(NamedTuple):
+class FrontPoints(NamedTuple):
     """P places of skin: the pixel of the view that they were found in, their face, and their barycentric weights."""
 
     pixel: np.ndarray

@@ -13,8 +13,7 @@ from livehand.backend.avatars.file import save_avatar
 from livehand.backend.commands.extract_mesh.density_volume import distances_m
 from livehand.backend.field.field import PRIOR_OFFSET, PRIOR_SLOPE
 from livehand.backend.hand.lbs import posed_arrays
-from livehand.backend.records.shot import HandPose
-from livehand.backend.records.surface_mesh import SurfaceMesh
+from livehand.backend.records.shot import HandPose, SurfaceMesh
 from livehand.livehand_blender.cli import main
 
 pytestmark = pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.render.view_inverse import GRID_SIZE, ViewInverse, interpolated
+from livehand.backend.image.view_inverse import GRID_SIZE, ViewInverse, interpolated
 
 
 def standard(rgb):

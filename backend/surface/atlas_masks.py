@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from ..surface.atlas_texels import AtlasTexels
-from ..surface.detail_maps_file import ATLAS_MM
+from .atlas_texels import AtlasTexels
+from .detail_maps_file import ATLAS_MM
 
 _AROUND_MM, _BLUR_MM = 8.0, 0.4  # deviations: of what counts as around, and of what is compared with it
 _STANDS_OUT, _PEAK = 0.3, 0.5  # of logarithms

@@ -6,7 +6,7 @@ Spots, nails, stains and unsure skin are none.
 import numpy as np
 import pytest
 import torch
-from livehand.backend.person.atlas_masks import confidence_map, marks_map
+from livehand.backend.surface.atlas_masks import confidence_map, marks_map
 from livehand.backend.surface.atlas_texels import AtlasTexels
 
 SIZE = 256  # texels of 1.05 mm
