@@ -95,29 +95,6 @@ def frame_gates(renderer: Renderer, frames: int) -> list[GpuGate]:
     return gates
 
 
-def parts_of_frame(renderer: Renderer, frames: int) -> list[str]:
-    """Time what a small frame consists of: the host's parameters, and the recorded sequence with its copies."""
-    from ..backend.compute.gpu.frame_parameters import FrameShape, fill_parameters
-
-    pipeline, (shot,) = renderer.pipeline, moving_shots(_SMALL, 1)
-    shots = pipeline._shots
-    given: list = []
-    (kept,) = shots._renderers.values()
-    original, kept.render = kept.render, lambda lit: given.append(lit) or original(lit)
-    renderer.render(shot)
-    kept.render = original
-    lit = given[0]
-    buffers = kept.of(FrameShape.of(lit)).buffers
-    filled = median_ms(lambda _: fill_parameters(buffers.host, buffers.model, buffers.shape, lit), [shot] * frames)
-
-    def replay(_: Shot) -> None:
-        buffers.sequence.run()
-        torch.cuda.synchronize()
-
-    replayed = median_ms(replay, [shot] * frames)
-    return [f"  parameters {filled:.3f} ms, sequence of {len(buffers.sequence.kernels)} kernels {replayed:.3f} ms"]
-
-
 def test_gate() -> GpuGate:
     """Run the tests that need a GPU."""
     start = time.perf_counter()
@@ -142,7 +119,7 @@ def main() -> int:
     renderer = Renderer(load_avatar(), load_default_hand(), "cuda", "fp32", WarpBackend("cuda:0"))
     gates = [] if args.skip_tests else [test_gate()]
     gates += frame_gates(renderer, args.frames)
-    lines = [torch.cuda.get_device_name(), *map(str, gates), *parts_of_frame(renderer, args.frames)]
+    lines = [torch.cuda.get_device_name(), *map(str, gates)]
     sys.stdout.write("\n".join(lines) + "\n")
     return 0 if all(gate.holds for gate in gates) else 1
 

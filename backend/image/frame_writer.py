@@ -85,8 +85,11 @@ class FileWriter:
             text: entries of the file's metadata.
         """
         self._finish(self._most_waiting - 1)
-        work = (write_frame_exr, frame) if path.suffix == ".exr" else (_save, srgb_pixels(frame))
-        self._pending.append(_Pending(self._workers.submit(*work, path, text or {}), then))
+        if path.suffix == ".exr":
+            written = self._workers.submit(write_frame_exr, frame, path, text)
+        else:
+            written = self._workers.submit(_save, srgb_pixels(frame), path, text or {})
+        self._pending.append(_Pending(written, then))
 
     def _finish(self, most_left: int) -> None:
         """Follow up the images that are written, in order, and wait until at most so many are left."""

@@ -76,13 +76,10 @@ class LengthPrior:
     def of(cls, model: HandModel, beta: np.ndarray, wanted_m: float) -> LengthPrior:
         """Measure a shape [10]."""
         length, slope = length_and_breadth_m(model, beta)[0], measurement_slopes(model, beta)[0]
-        return cls(*_tensors(beta), float(length), *_tensors(slope), wanted_m)
+        about, slope_m = (torch.as_tensor(values, dtype=torch.float32) for values in (beta, slope))
+        return cls(about, float(length), slope_m, wanted_m)
 
     def loss(self, beta: Tensor) -> Tensor:
         """Return half the square of the error in deviations."""
         error_m = self.length_m + self.slope_m @ (beta - self.beta) - self.wanted_m
         return 0.5 * (error_m / _DEVIATION_M) ** 2
-
-
-def _tensors(*arrays: np.ndarray) -> tuple[Tensor, ...]:
-    return tuple(torch.as_tensor(values, dtype=torch.float32) for values in arrays)

@@ -17,7 +17,6 @@ import torch
 from scipy.spatial import KDTree
 from torch import Tensor
 
-from ..capture.masks.mask import load_opencv
 from ..hand.lbs import SkinTensors, pose_hand, posed_vertices
 from ..records.camera import Camera
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
@@ -27,7 +26,7 @@ from .flow import bilinear, flow_between, nearest
 from .hand_size import LengthPrior
 from .illumination import Illumination, encoded_colours
 from .model import GeometryMaps, PersonModel
-from .rig.outlines import Outline, outline_of
+from .rig.outlines import outline_of, outline_of_mask, sure_pixels
 
 _ALONG_PX = 2.0  # of the outline: vertices so near to it belong to it
 _FARTHEST_PX = 30.0
@@ -51,7 +50,7 @@ def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndar
         labels: [H, W] of the picture.
         vertices_px: [V, 2] the mesh's, projected.
     """
-    ours, theirs = outline_of(seen.is_seen), _mask_outline(labels)
+    ours, theirs = outline_of(seen.is_seen), outline_of_mask(labels, sure_pixels(labels, _BESIDE_UNKNOWN_PX))
     nothing = OutlineTargets(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2)))
     if not len(ours.px) or not len(theirs.px):
         return nothing
@@ -61,15 +60,6 @@ def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndar
     agrees = (ours.normal[at[vertex]] * theirs.normal[matched]).sum(1) > _LEAST_AGREEMENT
     kept = agrees & (off < _FARTHEST_PX)
     return OutlineTargets(vertex[kept], theirs.rim_px[matched[kept]], theirs.normal[matched[kept]])
-
-
-def _mask_outline(labels: np.ndarray) -> Outline:
-    """Find the outline of a mask, away from what is unknown."""
-    unknown = (labels == UNKNOWN).astype(np.uint8)
-    near_unknown = load_opencv().dilate(unknown, np.ones((_BESIDE_UNKNOWN_PX, _BESIDE_UNKNOWN_PX))) > 0
-    outline = outline_of(labels == HAND)
-    is_sure = ~near_unknown[outline.row, outline.column]
-    return Outline(*(part[is_sure] for part in outline))
 
 
 _MASK_SHARE = 0.2  # of grey that tells hand from backdrop in the flow

@@ -13,14 +13,14 @@ import numpy as np
 import torch
 
 from ..capture.masks.mask import load_opencv
-from ..records.hand_picture import HAND, UNKNOWN, HandPicture, PicturedHand
+from ..records.hand_picture import HAND, HandPicture, PicturedHand
 from ..system.thread_limits import thread_limit
 from .flow import bilinear, flow_between, local_contrast, nearest
 from .illumination import Illumination, encoded_colours
 from .model import PersonModel
 from .rig.landmark_pose import LandmarkTargets
 from .rig.outline_fit import RigFit, ViewOutlines
-from .rig.outlines import OutlineTree, outline_of
+from .rig.outlines import OutlineTree, outline_of_mask, sure_pixels
 from .rig.rig_cameras import turned
 from .rig.rig_hands import RigHands
 from .rig.shape_offsets import OffsetFit, VertexTargets, fitted_offsets
@@ -118,14 +118,11 @@ def _px_per_mm(picture: HandPicture) -> float:
 
 def _outlines(pictures: tuple[HandPicture, ...]) -> ViewOutlines:
     """Find the hand's outlines against what is known to be no hand."""
-    cv2 = load_opencv()
-    around = np.ones((_BESIDE_UNKNOWN_PX, _BESIDE_UNKNOWN_PX))
     trees, px_per_mm = {}, {}
     for row, picture in enumerate(pictures):
-        unknown = cv2.dilate((picture.labels == UNKNOWN).astype(np.uint8), around) > 0
-        outline = outline_of((picture.labels == HAND) & ~unknown, (picture.labels != HAND) & ~unknown)
+        is_known = sure_pixels(picture.labels, _BESIDE_UNKNOWN_PX)
         px_per_mm[row] = _px_per_mm(picture)
-        trees[row] = OutlineTree(outline, px_per_mm[row], ~unknown)
+        trees[row] = OutlineTree(outline_of_mask(picture.labels, is_known), px_per_mm[row], is_known)
     return ViewOutlines(trees, px_per_mm)
 
 

@@ -69,12 +69,13 @@ def _weighted_blur(image: np.ndarray, weight: np.ndarray, sigma_px: float) -> np
 
 
 def _large(deviation: np.ndarray, mm: float) -> np.ndarray:
-    labels, count = ndimage.label(deviation > _STANDS_OUT, np.ones((3, 3)))
-    each = np.arange(1, count + 1)
+    labels = np.zeros(deviation.shape, np.int32)
+    count = ndimage.label(deviation > _STANDS_OUT, np.ones((3, 3)), output=labels)
+    each = np.arange(1, int(np.asarray(count)) + 1)
     area_mm2 = np.asarray(ndimage.sum_labels(labels > 0, labels, each)) * mm**2
     is_mark = (area_mm2 > _LEAST_MM2) & (np.asarray(ndimage.maximum(deviation, labels, each)) > _PEAK)
     return np.concatenate([[False], is_mark])[labels]
 
 
 def _widened(mask: np.ndarray, by_px: float) -> np.ndarray:
-    return ndimage.distance_transform_edt(~mask) <= by_px if mask.any() else mask
+    return np.asarray(ndimage.distance_transform_edt(~mask)) <= by_px if mask.any() else mask

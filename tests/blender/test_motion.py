@@ -297,7 +297,7 @@ class Layout:
     def column(self, align=False):
         return self
 
-    def panel(self, name, default_closed=False):
+    def panel(self, name, default_closed=False) -> tuple:
         assert default_closed
         return self, self
 
@@ -345,8 +345,8 @@ def test_the_file_browser_opens_beside_the_blend_proposes_no_file_and_shows_four
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
 
     class Closed(Layout):
-        def panel(self, name, default_closed):
-            return self, None
+        def panel(self, name, default_closed=False):
+            return self, ()
 
     class Browser:
         invoke, draw, _detected, _paths = operator.invoke, operator.draw, operator._detected, operator._paths

@@ -88,7 +88,7 @@ def convolutions(network: ResidualSuperRes, precision: Any, device: str) -> tupl
         return _layer(taps, bias, slope, kept, precision, device)
 
     first = layer(network.head.weight, network.head.bias, 0.2, 0.0)
-    body = [layer(one.weight, one.bias, 0.2, 1.0) for one in network.body]
+    body = [layer(one.get_parameter("weight"), one.get_parameter("bias"), 0.2, 1.0) for one in network.body.children()]
     return (first, *body, layer(*network.even_tail(), 1.0, 0.0))
 
 

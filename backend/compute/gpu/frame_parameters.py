@@ -33,8 +33,10 @@ from .blocks import HostBlock, Layout
 
 EDGE_SHARE = 0.125
 """Of the pixels of an image, how many may show two parts of a hand; most that was seen: 0.05."""
-LAMP_COLUMNS = "lamp", "of_sample", "is_sun", "axis", "is_area", "share", "tan_spread", "spread_share"
-LAMP_COLUMNS += "cos_cone", "cone_edge", "shadow"
+LAMP_COLUMNS = (
+    *("lamp", "of_sample", "is_sun", "axis", "is_area", "share", "tan_spread", "spread_share"),
+    *("cos_cone", "cone_edge", "shadow"),
+)
 """The samples of lamps, in the order of `LampSamples` and of kernels."""
 
 

@@ -41,7 +41,7 @@ def watermarked(rgb: np.ndarray, coverage: np.ndarray, payload: bytes) -> np.nda
         return rgb
     before = np.maximum(levels, 1.0) / LEVELS
     gain = _decoded(np.maximum(before + change / LEVELS, 0)) / _decoded(before)
-    full = _full_size(gain.astype(np.float32), coverage.shape)
+    full = _full_size(gain.astype(np.float32), (coverage.shape[0], coverage.shape[1]))
     return rgb * np.where(coverage >= _SOLID, full, 1)[..., None]
 
 

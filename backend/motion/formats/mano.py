@@ -29,17 +29,18 @@ def _read(document: Document) -> PoseFile:
         document.array(entries["trans"], "trans", (count, 3)),
         np.arange(count) + int(document.array(entries.get("first", 0), "first", ()).item()),
     )
-    side, axes = (_word(document, name, allowed) for name, allowed in (("side", SIDES), ("axes", SPACES)))
+    side, axes = SIDES[_choice(document, "side", SIDES)], SPACES[_choice(document, "axes", SPACES)]
     is_flat = bool(document.array(entries["flat_hand_mean"], "flat_hand_mean", ()).item())
     fps = document.array(entries["fps"], "fps", ()).item() if "fps" in entries else None
     return pose_file(document.path, {side: raw}, _NAME, axes, has_mean_added=is_flat, fps=fps)
 
 
-def _word(document: Document, name: str, allowed: tuple[str, ...]):
+def _choice(document: Document, name: str, allowed: tuple[str, ...]) -> int:
+    """Return which of the allowed words an entry is."""
     value = str(np.asarray(document.entries[name]))
     if value not in allowed:
         raise LiveHandError(f"{document.path}: {name} must be one of {', '.join(allowed)}, got {value!r}")
-    return value
+    return allowed.index(value)
 
 
 FORMAT = Format(_NAME, _matches, _read)

@@ -106,7 +106,7 @@ class Take:
             raise LiveHandError(
                 f"a file in {format_name} holds one hand, got right and left; choose one (--side), and write two files"
             )
-        return self.hands[0]
+        return next(iter(self.hands))
 
 
 def take_of(hands: Sequence[TakenHand], fps: float) -> Take:

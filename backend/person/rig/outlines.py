@@ -11,13 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import gaussian_filter, sobel
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from ...capture.masks.mask import load_opencv
 from ...geometry.rasterise import nearest_fronts, rasterise
 from ...records.camera import Camera
+from ...records.hand_picture import HAND, UNKNOWN
 from .rig_hands import RigHands
 
 NONE = -1
@@ -90,6 +92,19 @@ def outline_of(region: Bool[np.ndarray, "H W"]) -> Outline:
     normal = slope[row - box[0].start, column - box[1].start].astype(float)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-6
     return Outline(np.stack([column, row], 1) + 0.5, normal, row, column)
+
+
+def outline_of_mask(labels: UInt8[np.ndarray, "H W"], is_known: Bool[np.ndarray, "H W"]) -> Outline:
+    """Find the outline of the hand in a picture's labels, where they tell it from its ground."""
+    outline = outline_of(labels == HAND)
+    is_sure = is_known[outline.row, outline.column]
+    return Outline(*(part[is_sure] for part in outline))
+
+
+def sure_pixels(labels: UInt8[np.ndarray, "H W"], margin_px: int) -> Bool[np.ndarray, "H W"]:
+    """Find the pixels that are known, so many pixels away from what is not."""
+    unknown = (labels == UNKNOWN).astype(np.uint8)
+    return load_opencv().dilate(unknown, np.ones((margin_px, margin_px))) == 0
 
 
 class OutlineTree:

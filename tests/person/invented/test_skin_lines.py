@@ -22,7 +22,8 @@ def test_points_of_the_template_lie_in_the_plane():
 
 def test_main_creases_are_long_and_have_no_gaps(creases):
     for image in creases:
-        pieces, count = label(image.values > 0.35)
+        pieces = np.zeros(image.values.shape, np.int32)
+        count = int(np.asarray(label(image.values > 0.35, output=pieces)))
         spans_mm = []
         for piece in range(1, count + 1):
             rows, columns = (pieces == piece).nonzero()
