@@ -47,7 +47,8 @@ class RigPoser:
     """
 
     def __init__(self, context: bpy.types.Context, rig: SourceRig, arm: Arm):
-        self._context, self._rig, self._arm = context, rig, arm
+        self._context, self._rig = context, rig
+        self._arm: Arm = arm
         self._rest = read_skeleton(rig.armature)
         joint_map = rig.joint_map
         self._joints = {joint: self._control(bone) for joint, bone in enumerate(joint_map.bones) if bone}

@@ -26,7 +26,7 @@ def _disc(column_px):
 
 def test_vertices_of_the_outline_go_to_the_masks(shown):
     maps, rim_px = shown
-    targets = outline_targets(maps, np.where(_disc(MIDDLE_PX), HAND, BACKGROUND), rim_px)
+    targets = outline_targets(maps, np.where(_disc(MIDDLE_PX), HAND, BACKGROUND).astype(np.uint8), rim_px)
     assert len(targets.vertex) > 300
     assert np.median(np.linalg.norm(targets.px - MIDDLE_PX, axis=1)) == pytest.approx(RADIUS_PX, abs=0.15)
     inward = (MIDDLE_PX - targets.px) / RADIUS_PX
@@ -35,7 +35,7 @@ def test_vertices_of_the_outline_go_to_the_masks(shown):
 
 def test_the_outline_beside_what_is_unknown_is_no_target(shown):
     maps, rim_px = shown
-    labels = np.where(_disc(MIDDLE_PX), HAND, BACKGROUND)
+    labels = np.where(_disc(MIDDLE_PX), HAND, BACKGROUND).astype(np.uint8)
     labels[:, 60:] = UNKNOWN
     targets = outline_targets(maps, labels, rim_px)
     assert len(targets.vertex) > 150
