@@ -114,8 +114,8 @@ def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunR
     from .plan import SequencePlan
     from .sequence import write_sequences
 
-    signing = signing_key(args)
-    if signing is not None and "png" not in args.format:
+    signing, formats = signing_key(args), args.format or ("exr",)
+    if signing is not None and "png" not in formats:
         raise LiveHandError("signed frames must be PNGs, C2PA has no place in OpenEXR; add --format exr,png")
     with in_blender():
         plans = [
@@ -124,7 +124,7 @@ def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunR
                 folder=folder,
                 frames=args.frames,
                 chunk=args.chunk,
-                formats=args.format or ("exr",),
+                formats=formats,
                 overwrite=args.overwrite,
                 is_strict=args.strict,
                 file_outputs=args.file_outputs,

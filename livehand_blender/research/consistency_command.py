@@ -7,13 +7,15 @@ import tempfile
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ...backend.research.benchmark.motion import MotionFrame
 from ...backend.research.consistency import command
-from ...backend.research.consistency.measure import Truth
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...backend.research.benchmark.motion import MotionFrame
+    from ...backend.research.consistency.measure import Truth
 
 _NEEDED = ("bpy", "scipy", "skimage")
 
@@ -25,6 +27,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def cycles_truth(samples: int) -> Truth:
     """Build the hand that captures show, in their light; returns what renders it."""
+    import numpy as np
+
     from .cycles import CyclesHand
 
     hand = CyclesHand.create(None, None)

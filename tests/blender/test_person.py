@@ -101,8 +101,8 @@ def test_where_its_packages_are_missing_one_button_offers_them_without_a_warning
     monkeypatch.setattr(packages.RunningTask, "now", None)
     layout = Layout([])
     person.draw_person(layout, bpy.context)
-    assert layout.drawn == ["livehand.install_packages", "PICTURES"]
-    assert layout.parts == [("Film or Photographs (12 MB)", True)]
+    assert layout.drawn[-2:] == ["livehand.install_packages", "PICTURES"]
+    assert layout.parts[-1:] == [("Film or Photographs (12 MB)", True)]
     assert list(clipped(layout)) == []
 
 

@@ -58,7 +58,7 @@ def _person():
     from livehand.backend.person import making
 
     yield patch.object(making, "MakingOptions", partial(making.MakingOptions, resolution=256, rounds=1))
-    yield patch.object(making, "_EARLY_RESOLUTION", 128)
+    yield patch.dict(making._EARLY, resolution=128)
 
 
 def _leases():

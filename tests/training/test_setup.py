@@ -60,8 +60,8 @@ def test_the_identity_is_that_of_earlier_checkpoints(setup):
     identity = json.loads(run_identity(setup, TrainConfig(), "fp32", 6))
     settings, _, capture, view_count, precision, corrections, base = identity
     names = (
-        "steps minutes batch seed learning_rate plane_learning_rate final_learning_rate warmup_steps warmup_share "
-        "ema_decay max_skipped jitter_sets checkpoint_every checkpoint_minutes licence loss"
+        "steps minutes batch seed learning_rate plane_learning_rate final_learning_rate decay warmup_steps "
+        "warmup_share ema_decay max_skipped jitter_sets checkpoint_every checkpoint_minutes licence loss"
     )
     assert list(settings) == names.split()
     assert settings["loss"]["perceptual_region"] == "crop"

@@ -24,6 +24,8 @@ MOST_MB = 330
 OF_BLENDER = frozenset("addon_utils aud bl_ui blf bmesh bpy bpy_extras cycles gpu gpu_extras mathutils numpy".split())
 OPTIONAL = {
     "av": ("backend/tracking/",),
+    "c2pa": ("backend/batch/content_credentials.py",),
+    "cryptography": ("backend/batch/content_credentials.py",),
     "cv2": ("backend/capture/masks/",),
     "matplotlib": ("backend/system/figure.py",),
     "warp": ("backend/compute/gpu/",),
