@@ -26,7 +26,7 @@ from livehand.livehand_blender.cli import COMMANDS
 from PIL import Image
 
 pytest.importorskip("cv2")
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly  # half a minute; `test_captured_pictures` has its parts
 SIZE_PX, FOCAL_PX = (120, 150), 240.0
 OFF_M = np.array([0.002, -0.001, 0.002])
 TINT, GAINS = np.array([1.1, 1.0, 0.8]), np.array([[1.0, 1, 1], [0.7, 0.75, 0.8], [1.15, 1.0, 1.0]])
