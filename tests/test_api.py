@@ -11,6 +11,8 @@ from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.motion.formats.own import write_motion
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 EXAMPLE = Path(__file__).parents[1] / "examples" / "program.py"
 
 

@@ -346,7 +346,7 @@ def test_the_file_browser_opens_beside_the_blend_proposes_no_file_and_shows_four
 
     class Closed(Layout):
         def panel(self, name, default_closed=False):
-            return self, ()
+            return self, None
 
     class Browser:
         invoke, draw, _detected, _paths = operator.invoke, operator.draw, operator._detected, operator._paths

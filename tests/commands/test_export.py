@@ -11,6 +11,8 @@ from livehand.backend.motion.motion import HandMotion
 from livehand.backend.motion.writers.registry import WRITERS
 from livehand.livehand_blender import cli
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def take(tmp_path):

@@ -19,6 +19,8 @@ from livehand.backend.records.frame import Frame
 from livehand.livehand_blender.cli import main
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 LIGHT, DEEP = (read_origin(shipped_avatar_path(skin)) for skin in ("light", "deep"))
 
 

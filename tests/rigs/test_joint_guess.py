@@ -11,6 +11,8 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.rigs.joint_guess import guess_joints
 from livehand.backend.rigs.source_skeleton import JointMap
 
+pytestmark = pytest.mark.slow
+
 LIB = runpy.run_path(str(Path(__file__).parent / "skeletons.py"))
 hand_bones, skeleton, points = LIB["hand_bones"], LIB["skeleton"], LIB["points"]
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")

@@ -35,7 +35,7 @@ def test_a_hand_of_others_has_none(hand):
     assert load_detail_surface(load_hand_model(TEMPLATE).sha256) is None
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # seconds; it changes with its generator alone
 def test_the_file_that_ships_is_the_generator_s(hand, shipped):
     """Made of two levels where the file is made of three: vertices relax along the surface, but lie on it."""
     made = fine_surface(hand, detailed_surface(hand, levels=LEVELS))

@@ -41,7 +41,7 @@ def volume_ml(vertices, faces):
     return trimesh.Trimesh(vertices, faces, process=False).volume * 1e6
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # seconds; it changes with its generator alone
 def test_generator_gives_the_shipped_hand_with_an_arm():
     built = build_hand(quads_with_forearm(), forearm=True)
     with np.load(builtin_hand_path()) as shipped:

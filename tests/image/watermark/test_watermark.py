@@ -9,6 +9,8 @@ from livehand.backend.image.watermark.embedding import watermarked
 from livehand.backend.image.watermark.signal import BITS, BYTES, TILE, patterns
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 WIDTH, HEIGHT = 334, 512
 PAYLOADS = [bytes(range(17, 17 + BYTES)), b"\0" * BYTES, b"\xff" * BYTES]
 NOTICED_MSE = 0.38  # of 255 squared: 0.1 dB where a picture differs from its truth by 36 dB

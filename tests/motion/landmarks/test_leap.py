@@ -8,6 +8,8 @@ import pytest
 from livehand.backend.motion.files.open_files import open_motion_file
 from livehand.tests.motion.landmarks.test_landmark_file import closing_landmarks
 
+pytestmark = pytest.mark.slow
+
 POINTS = 1000 * closing_landmarks() + [20.0, 200, 30]  # mm
 NAMES = ("Thumb", "Index", "Middle", "Ring", "Little")
 

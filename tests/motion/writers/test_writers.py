@@ -21,6 +21,8 @@ from livehand.backend.motion.writers.take import Take, TakenHand, take_of
 from livehand.backend.motion.writers.writer import WriteOptions
 from livehand.backend.records.errors import LiveHandError
 
+pytestmark = pytest.mark.slow
+
 MOST_DEG, MOST_M = 0.1, 0.001
 FPS = 30000 / 1001
 

@@ -10,6 +10,8 @@ from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
 from livehand.backend.surface.base_surface import HAIR_FILE, base_arrays
 from livehand.backend.surface.stored_surface import check_arrays
 
+pytestmark = pytest.mark.slow
+
 SIZES = AtlasSizes(fine=512, ratio=256)
 
 

@@ -9,6 +9,8 @@ from livehand.backend.person.invented.look import PersonLook
 from livehand.tests.person.invented.conftest import drawn
 from livehand.tests.person.invented.test_drawn_relief import free_of_joints, high_pass, shared
 
+pytestmark = pytest.mark.slow
+
 
 def colours(one, where):
     return lab(torch.as_tensor(np.exp(one.log_albedo[where])).double()).numpy()

@@ -1,10 +1,13 @@
 """The drawn relief: nothing is shared between seeds but where joints fold, and each place has what it should."""
 
 import numpy as np
+import pytest
 from livehand.backend.person.invented.drawn_relief import drawn_relief, leather, nail_shape
 from livehand.backend.person.invented.hand_chart import THUMB
 from livehand.tests.person.invented.conftest import RESOLUTION
 from scipy.ndimage import gaussian_filter
+
+pytestmark = pytest.mark.slow
 
 
 def high_pass(texels, values, deviation=4.0):

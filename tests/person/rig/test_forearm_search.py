@@ -10,6 +10,8 @@ from livehand.backend.person.rig.forearm_search import with_forearms
 from livehand.backend.person.rig.view_masks import ARM
 from livehand.backend.records.shot import HandPose
 
+pytestmark = pytest.mark.slow
+
 BENT = {"right": (0.0, 0.3, -0.8), "left": (0.0, 0.0, 0.7)}
 MOST_OFF_RAD = 0.12  # the finest step tried is 0.05, along two axes; wrists are half a hand's width from arms' edges
 

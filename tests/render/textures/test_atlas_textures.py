@@ -10,6 +10,8 @@ from livehand.backend.render.textures.atlas_textures import _TexelFrames, atlas_
 from livehand.backend.render.textures.textured_hand import textured_hand
 from livehand.backend.surface.atlas_texels import AtlasTexels
 
+pytestmark = pytest.mark.slow
+
 RESOLUTION = 16
 SCALE = 4.0  # units of u and v per metre
 
