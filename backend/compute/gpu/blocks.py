@@ -41,7 +41,8 @@ class HostBlock:
     """The host's twin of a block, by which it is filled or read at once; pinned where there is a GPU."""
 
     def __init__(self, block: DeviceBlock, layout: Layout) -> None:
-        self._block, is_cuda = block, block.words.device.is_cuda
+        device = block.words.device
+        self._block, is_cuda = block, device is not None and device.is_cuda
         self._twin = DeviceBlock(layout, "cpu", pinned=is_cuda)
         self._values = {name: self._twin[name].numpy() for name in layout}
 
@@ -58,20 +59,33 @@ class HostBlock:
         wp.copy(self._twin.words, self._block.words)
 
 
+def address_of(array: wp.array) -> int:
+    """Return where an array's memory begins."""
+    address = array.ptr
+    assert address is not None
+    return address
+
+
+def stride_of(array: wp.array) -> int:
+    """Return the bytes from a row of an array to the next."""
+    assert array.strides is not None
+    return array.strides[0]
+
+
 def columns_of(rows: wp.array, first: int, kind: Any, shape: tuple[int, ...]) -> wp.array:
     """Return some columns of rows [R, C] of floats as an array [R, *shape] of vectors or floats, without a copy."""
     step = wp.types.type_size_in_bytes(kind)
     inner = [step * prod(shape[axis + 1 :]) for axis in range(len(shape))]
     return wp.array(
-        ptr=rows.ptr + 4 * first,
+        ptr=address_of(rows) + 4 * first,
         dtype=kind,
         shape=(rows.shape[0], *shape),
-        strides=(rows.strides[0], *inner),
+        strides=(stride_of(rows), *inner),
         device=rows.device,
     )
 
 
 def part_of(array: wp.array, first: int, count: int) -> wp.array:
     """Return elements of an array [N] from `first` on, without a copy."""
-    at = array.ptr + first * array.strides[0]
+    at = address_of(array) + first * stride_of(array)
     return wp.array(ptr=at, dtype=array.dtype, shape=(count,), device=array.device)

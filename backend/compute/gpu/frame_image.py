@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from ...light.lighting import COEFFICIENTS, RELIGHTABLE_FEATURES
-from .blocks import part_of
+from .blocks import part_of, stride_of
 from .frame_buffers import COVERED, EDGES, FrameBuffers
 from .frame_light import add_products
 from .frame_model import device_array
@@ -86,7 +86,7 @@ def add_pixels(frame: FrameBuffers) -> None:
     found = "covered_count", "covered", "view_of_pixel", "has_overflow"
     frame.add(list_covered, most, "row", width, "full_view", most, *found)
     flat = frame["maps34"]
-    strides = 4, width * flat.strides[0], flat.strides[0]
+    strides = 4, width * stride_of(flat), stride_of(flat)
     shape = flat.shape[1], height, width
     maps = wp.array(ptr=flat.ptr, dtype=wp.float32, shape=shape, strides=strides, device=frame.device)
     detail = "tail", width + 2, 1

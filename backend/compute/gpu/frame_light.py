@@ -7,7 +7,7 @@ import warp as wp
 from ...image.shading import ray_row_columns
 from ...light.lighting import COEFFICIENTS, RELIGHTABLE_FEATURES
 from ...light.sky_samples import SKY_DIRECTIONS
-from .blocks import columns_of, part_of
+from .blocks import address_of, columns_of, part_of, stride_of
 from .frame_buffers import FrameBuffers
 from .frame_model import Layer
 from .frame_parameters import LAMP_COLUMNS
@@ -47,8 +47,8 @@ def add_shadows(frame: FrameBuffers) -> None:
 
 def _block_of(values: wp.array, row: int, column: int, rows: int, columns: int) -> wp.array:
     """Return a part of a matrix, without a copy."""
-    at = values.ptr + row * values.strides[0] + 4 * column
-    strides = values.strides[0], 4
+    at = address_of(values) + row * stride_of(values) + 4 * column
+    strides = stride_of(values), 4
     return wp.array(ptr=at, dtype=wp.float32, shape=(rows, columns), strides=strides, device=values.device)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from .blocks import part_of
+from .blocks import address_of, part_of, stride_of
 from .frame_buffers import FrameBuffers
 from .frame_model import device_array
 from .kernels.detail import fine_vertices, finer_field, vertex_normals
@@ -67,10 +67,10 @@ def _add_surface(frame: FrameBuffers, motion: wp.array) -> None:
 def column_of(rows: wp.array, column: int) -> wp.array:
     """Return a column of rows [R, C] as an array [R], without a copy."""
     return wp.array(
-        ptr=rows.ptr + 4 * column,
+        ptr=address_of(rows) + 4 * column,
         dtype=wp.float32,
         shape=(rows.shape[0],),
-        strides=(rows.strides[0],),
+        strides=(stride_of(rows),),
         device=rows.device,
     )
 
