@@ -60,16 +60,15 @@ class HostBlock:
 
 
 def address_of(array: wp.array) -> int:
-    """Return where an array's memory begins."""
-    address = array.ptr
-    assert address is not None
-    return address
+    """Return where an array's memory begins; 0 of an empty one."""
+    return array.ptr or 0
 
 
 def stride_of(array: wp.array) -> int:
     """Return the bytes from a row of an array to the next."""
-    assert array.strides is not None
-    return array.strides[0]
+    strides = array.strides
+    assert strides is not None
+    return int(strides[0] or 0)
 
 
 def columns_of(rows: wp.array, first: int, kind: Any, shape: tuple[int, ...]) -> wp.array:
