@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -105,7 +106,26 @@ def _is_adjusted(name: str) -> Any:
     return BoolProperty(name=f"Change {name.capitalize()}", description="Off: as it is")
 
 
-class LIVEHAND_OT_adjust_person(RunsJob, bpy.types.Operator):
+class _MakesAvatar(RunsJob):
+    """Mixin of operators that make an avatar of a person's numbers; `start` sets `_output`, the avatar's file."""
+
+    _output: Path
+
+    def words_of(self, names: Iterable[str]) -> list[str]:
+        """Return the command's arguments for these sliders."""
+        return [word for name in names for word in (f"--{name}", str(round(getattr(self, name), 4)))]
+
+    def take(self, context: bpy.types.Context, job: ChildJob) -> None:
+        """Let the active hand wear the avatar, in one step of undo."""
+        job.result()
+        armature = active_hand(context)
+        if armature is not None:
+            set_avatar(armature, self._output)
+            bpy.ops.ed.undo_push(message=self.bl_label)
+        self.report({"INFO"}, f"{self._output.stem} is in Choose Avatar")
+
+
+class LIVEHAND_OT_adjust_person(_MakesAvatar, bpy.types.Operator):
     """Give the active hand's person another tone, age or hair, in an avatar of its own."""
 
     bl_idname = "livehand.adjust_person"
@@ -162,20 +182,10 @@ class LIVEHAND_OT_adjust_person(RunsJob, bpy.types.Operator):
         source = hand_source(active_hand(context)).avatar_path
         self._output = _free_path(library_folder(context), source.stem)
         changed = [name for name in ADJUSTABLE if getattr(self, f"with_{name}")]
-        numbers = [word for name in changed for word in (f"--{name}", str(round(getattr(self, name), 4)))]
-        return start_adjusting([str(source), "-o", str(self._output), *numbers])
-
-    def take(self, context: bpy.types.Context, job: ChildJob) -> None:
-        """Let the active hand wear the avatar, in one step of undo."""
-        job.result()
-        armature = active_hand(context)
-        if armature is not None:
-            set_avatar(armature, self._output)
-            bpy.ops.ed.undo_push(message=self.bl_label)
-        self.report({"INFO"}, f"{self._output.stem} is in Choose Avatar")
+        return start_adjusting([str(source), "-o", str(self._output), *self.words_of(changed)])
 
 
-class LIVEHAND_OT_new_person(RunsJob, bpy.types.Operator):
+class LIVEHAND_OT_new_person(_MakesAvatar, bpy.types.Operator):
     """Make an avatar of an invented person from a few numbers; no one else has their creases, spots and veins."""
 
     bl_idname = "livehand.new_person"
@@ -217,17 +227,9 @@ class LIVEHAND_OT_new_person(RunsJob, bpy.types.Operator):
         """Start the command, which writes a new avatar."""
         name = self.person_name or f"Person {self.seed}"
         self._output = _free_path(library_folder(context), bpy.path.clean_name(name))
-        numbers = [word for one in NUMBERS for word in (f"--{one}", str(round(getattr(self, one), 4)))]
-        return start_new_person(["-o", str(self._output), "--name", name, "--seed", str(self.seed), *numbers])
-
-    def take(self, context: bpy.types.Context, job: ChildJob) -> None:
-        """Let the active hand wear the avatar, in one step of undo."""
-        job.result()
-        armature = active_hand(context)
-        if armature is not None:
-            set_avatar(armature, self._output)
-            bpy.ops.ed.undo_push(message=self.bl_label)
-        self.report({"INFO"}, f"{self._output.stem} is in Choose Avatar")
+        return start_new_person(
+            ["-o", str(self._output), "--name", name, "--seed", str(self.seed), *self.words_of(NUMBERS)]
+        )
 
 
 def draw_person(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -3,6 +3,8 @@
 import hashlib
 import runpy
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -232,3 +234,35 @@ def curves_of():
 def other_rigs(registered):
     """The module other_rigs.py, which makes a rigged hand that differs from ours."""
     return SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "other_rigs.py")))
+
+
+# The human metarig's arms and hands, and the rig generated from them; the face would take a minute. In a process of its
+# own, because Rigify cannot be enabled twice, and one in which it stays enabled hangs at exit.
+RIGIFY = """
+import os, sys, bpy
+import addon_utils
+bpy.ops.wm.read_homefile(use_empty=True)
+addon_utils.enable("rigify", default_set=True)  # its parameters need the preferences
+bpy.ops.object.armature_human_metarig_add()
+armature = bpy.context.active_object
+bpy.ops.object.mode_set(mode="EDIT")
+kept = ("spine", "shoulder", "upper_arm", "forearm", "hand", "palm", "f_", "thumb")
+for bone in list(armature.data.edit_bones):
+    if not bone.name.startswith(kept):
+        armature.data.edit_bones.remove(bone)
+bpy.ops.object.mode_set(mode="OBJECT")
+armature.name = "metarig"
+bpy.ops.pose.rigify_generate()
+bpy.context.active_object.name = "generated"
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+sys.stdout.flush()
+os._exit(0)
+"""
+
+
+@pytest.fixture(scope="session")
+def rigify_file(tmp_path_factory):
+    """Path of a file with Rigify's `metarig` of arms and hands, and the rig `generated` from it."""
+    path = tmp_path_factory.mktemp("rigify") / "rigify.blend"
+    subprocess.run([sys.executable, "-c", RIGIFY, str(path)], check=True, capture_output=True, timeout=240)
+    return path

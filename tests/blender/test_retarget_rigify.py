@@ -1,8 +1,5 @@
 """Rigify, which comes with Blender: hands follow its metarig and the rig generated from it, on both sides."""
 
-import subprocess
-import sys
-
 import bpy
 import numpy as np
 import pytest
@@ -16,36 +13,6 @@ from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from livehand.livehand_blender.rigs.follow import follow
 from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
-
-# The human metarig's arms and hands, and the rig generated from them; the face would take a minute. In a process of its
-# own, because Rigify cannot be enabled twice, and one in which it stays enabled hangs at exit.
-SCRIPT = """
-import os, sys, bpy
-import addon_utils
-bpy.ops.wm.read_homefile(use_empty=True)
-addon_utils.enable("rigify", default_set=True)  # its parameters need the preferences
-bpy.ops.object.armature_human_metarig_add()
-armature = bpy.context.active_object
-bpy.ops.object.mode_set(mode="EDIT")
-kept = ("spine", "shoulder", "upper_arm", "forearm", "hand", "palm", "f_", "thumb")
-for bone in list(armature.data.edit_bones):
-    if not bone.name.startswith(kept):
-        armature.data.edit_bones.remove(bone)
-bpy.ops.object.mode_set(mode="OBJECT")
-armature.name = "metarig"
-bpy.ops.pose.rigify_generate()
-bpy.context.active_object.name = "generated"
-bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
-sys.stdout.flush()
-os._exit(0)
-"""
-
-
-@pytest.fixture(scope="module")
-def rigify_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("rigify") / "rigify.blend"
-    subprocess.run([sys.executable, "-c", SCRIPT, str(path)], check=True, capture_output=True, timeout=240)
-    return path
 
 
 @pytest.mark.parametrize(

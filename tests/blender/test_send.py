@@ -1,8 +1,6 @@
 """Our hand's motion onto other rigs as keys, and back by *Follow* and *Bake*: the same joints in the same places."""
 
 import re
-import subprocess
-import sys
 from dataclasses import replace
 
 import bpy
@@ -181,35 +179,6 @@ def test_a_rig_without_ik_controls_is_named(other_rigs, model):
     with pytest.raises(LiveHandError, match="must have an IK control of 'wrist'"):
         send(bpy.context, taken, SourceRig(made.armature, made.joint_map), FRAMES, arm="IK")
     assert made.armature.animation_data is None
-
-
-SCRIPT = """
-import os, sys, bpy
-import addon_utils
-bpy.ops.wm.read_homefile(use_empty=True)
-addon_utils.enable("rigify", default_set=True)
-bpy.ops.object.armature_human_metarig_add()
-armature = bpy.context.active_object
-bpy.ops.object.mode_set(mode="EDIT")
-kept = ("spine", "shoulder", "upper_arm", "forearm", "hand", "palm", "f_", "thumb")
-for bone in list(armature.data.edit_bones):
-    if not bone.name.startswith(kept):
-        armature.data.edit_bones.remove(bone)
-bpy.ops.object.mode_set(mode="OBJECT")
-armature.name = "metarig"
-bpy.ops.pose.rigify_generate()
-bpy.context.active_object.name = "generated"
-bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
-sys.stdout.flush()
-os._exit(0)
-"""
-
-
-@pytest.fixture(scope="module")
-def rigify_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("rigify") / "rigify.blend"
-    subprocess.run([sys.executable, "-c", SCRIPT, str(path)], check=True, capture_output=True, timeout=240)
-    return path
 
 
 def within_reach(rig, found, model):

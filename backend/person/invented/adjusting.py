@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import interpolate
 
 from ...avatars.avatar import Avatar
 from ...avatars.file import load_avatar
@@ -27,10 +26,10 @@ from ...surface.hair_growth import REGIONS, HairRegion
 from ...surface.stored_surface import StoredSurface
 from ..numbers import BLOOD_LOG_ALBEDO
 from .look import ADJUSTABLE, PERSON_NUMBERS, checked_number, numbers_of_age
-from .new_person import nearest_base
+from .new_person import log_albedo_map, nearest_base
 
 _BARE_RESOLUTION = 512  # of the factor of a person who has none
-_LEAST_ALBEDO, _MOST_CLIPPED = 0.003, 0.01
+_MOST_CLIPPED = 0.01
 _LIGHT, _DEEP = "light", "deep"
 
 
@@ -115,9 +114,7 @@ def _per_melanin(hand: HandModel, resolution: int) -> Tensor:
 
 def _network_log_albedo(avatar: Avatar, hand: HandModel, resolution: int) -> Tensor:
     """Compute the logarithm of the albedo [A, A, 3] of an avatar's networks alone."""
-    shown = torch.as_tensor(np.log(network_albedo(avatar, hand, FIELD_RESOLUTION).clip(_LEAST_ALBEDO)))
-    size = (resolution, resolution)
-    return interpolate(shown.permute(2, 0, 1)[None].float(), size=size, mode="bilinear")[0].permute(1, 2, 0)
+    return log_albedo_map(network_albedo(avatar, hand, FIELD_RESOLUTION), resolution)
 
 
 def _grown(regions: Mapping[str, HairRegion], hair: float) -> dict[str, HairRegion]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 from torch.nn.functional import interpolate
 
 from ...avatars.avatar import Avatar
@@ -65,10 +66,14 @@ def nearest_base(tone: float) -> Avatar:
 
 def albedo_ratio_arrays(log_albedo: np.ndarray, network_albedo: np.ndarray) -> dict[str, np.ndarray]:
     """Compute the ratio's array from what is to be seen [A, A, 3] and what the networks show [B, B, 3]."""
-    size = (len(log_albedo), len(log_albedo))
-    shown = torch.as_tensor(np.log(network_albedo.clip(_LEAST_ALBEDO))).permute(2, 0, 1)[None].float()
-    shown = interpolate(shown, size=size, mode="bilinear")[0].permute(1, 2, 0)
+    shown = log_albedo_map(network_albedo, len(log_albedo))
     return {RATIO_ARRAY: ratio_steps(torch.as_tensor(log_albedo) - shown).numpy()}
+
+
+def log_albedo_map(albedo: np.ndarray, resolution: int) -> Tensor:
+    """Compute the logarithm [A, A, 3] of an albedo [B, B, 3] at another resolution."""
+    log_albedo = torch.as_tensor(np.log(albedo.clip(_LEAST_ALBEDO))).permute(2, 0, 1)[None].float()
+    return interpolate(log_albedo, size=(resolution, resolution), mode="bilinear")[0].permute(1, 2, 0)
 
 
 def _grown(region: HairRegion, look: PersonLook) -> HairRegion:
