@@ -26,11 +26,12 @@ from ...surface.hair_growth import REGIONS, HairRegion
 from ...surface.stored_surface import StoredSurface
 from ..numbers import BLOOD_LOG_ALBEDO
 from .look import ADJUSTABLE, PERSON_NUMBERS, checked_number, numbers_of_age
-from .new_person import log_albedo_map, nearest_base
+from .new_person import USUAL_DENSITY, log_albedo_map, nearest_base
 
 _BARE_RESOLUTION = 512  # of the factor of a person who has none
 _MOST_CLIPPED = 0.01
 _LIGHT, _DEEP = "light", "deep"
+_USUAL_PER_M2 = {name: USUAL_DENSITY * region.per_m2 for name, region in REGIONS.items()}
 
 
 def adjusted_person(
@@ -84,7 +85,7 @@ def adjusted_person(
 def current_numbers(surface: StoredSurface) -> dict[str, float]:
     """Tell the numbers of a person that can be adjusted, but for the age, which nothing tells."""
     person = surface.person
-    densities = [surface.hair[name].per_m2 / region.per_m2 for name, region in REGIONS.items() if name in surface.hair]
+    densities = [surface.hair[name].per_m2 / density for name, density in _USUAL_PER_M2.items() if name in surface.hair]
     numbers = {name: getattr(person, attribute) for name, attribute in PERSON_NUMBERS.items()}
     return {**numbers, "hair": float(np.mean(densities)) if densities else 0.0}
 
@@ -118,5 +119,7 @@ def _network_log_albedo(avatar: Avatar, hand: HandModel, resolution: int) -> Ten
 
 
 def _grown(regions: Mapping[str, HairRegion], hair: float) -> dict[str, HairRegion]:
-    """Return the regions with another density, in which 1 is usual."""
-    return {name: region._replace(per_m2=REGIONS.get(name, region).per_m2 * hair) for name, region in regions.items()}
+    """Return the regions with another density, in which 1 is usual, as for an invented person."""
+    return {
+        name: region._replace(per_m2=_USUAL_PER_M2.get(name, region.per_m2) * hair) for name, region in regions.items()
+    }

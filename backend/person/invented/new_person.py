@@ -26,7 +26,8 @@ from .look import PersonLook
 
 MADE_BY = "livehand new-person"
 _LEAST_ALBEDO = 0.003
-_DENSER, _THINNER = 1.8, 0.65  # hairs, against those of the base
+USUAL_DENSITY = 1.8  # of hairs of 1, against the densities of the captured people
+_THINNER = 0.65  # than theirs
 
 
 def new_person(
@@ -51,7 +52,7 @@ def new_person(
     drawn = drawn_person(hand, look, base_arrays(), sizes)
     log("comparing with the base's colors")
     ratio = albedo_ratio_arrays(drawn.log_albedo, network_albedo(base, hand, FIELD_RESOLUTION))
-    regions = {region: _grown(grows, look) for region, grows in REGIONS.items()}
+    regions = {region: grown(grows, look) for region, grows in REGIONS.items()}
     surface = StoredSurface(hand.sha256, look.person(), {**drawn.arrays, **ratio}, base_sha256(), regions)
     avatar = replace(base, name=name, surface=surface, provenance=_provenance(base, look), metrics={}, thumbnail=None)
     log("rendering the thumbnail")
@@ -76,10 +77,10 @@ def log_albedo_map(albedo: np.ndarray, resolution: int) -> Tensor:
     return interpolate(log_albedo, size=(resolution, resolution), mode="bilinear")[0].permute(1, 2, 0)
 
 
-def _grown(region: HairRegion, look: PersonLook) -> HairRegion:
+def grown(region: HairRegion, look: PersonLook) -> HairRegion:
     """Return how a person's hairs grow: more and thinner ones than the base's, which are those of its captures."""
     radius_m = region.radius_m * _THINNER * (1 - 0.2 * look.aged)
-    return region._replace(per_m2=region.per_m2 * _DENSER * look.hair, radius_m=radius_m)
+    return region._replace(per_m2=region.per_m2 * USUAL_DENSITY * look.hair, radius_m=radius_m)
 
 
 def _melanin(avatar: Avatar) -> float:

@@ -9,6 +9,8 @@ from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.person.invented import adjusting
 from livehand.backend.person.invented.adjusting import adjusted_person, current_numbers
+from livehand.backend.person.invented.look import PersonLook
+from livehand.backend.person.invented.new_person import grown
 from livehand.backend.person.numbers import BLOOD_LOG_ALBEDO
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.render.albedo import vertex_albedo
@@ -55,11 +57,17 @@ def test_blood_reddens_all_texels_alike(light):
     assert np.abs(arrays[RATIO_ARRAY] - steps).max() <= 0.5
 
 
-def test_hair_counts_from_the_usual(light):
-    hair = adjusted(light, hair=0.5).surface.hair
-    assert {name: region.per_m2 for name, region in hair.items()} == {
-        name: 0.5 * region.per_m2 for name, region in REGIONS.items()
-    }
+def test_hair_counts_from_the_usual_of_invented_people(light):
+    surface = adjusted(light, hair=0.5).surface
+    assert {name: region.per_m2 for name, region in surface.hair.items()} == pytest.approx(
+        {name: 0.5 * 1.8 * region.per_m2 for name, region in REGIONS.items()}
+    )
+    assert current_numbers(surface)["hair"] == pytest.approx(0.5)
+    assert current_numbers(light.surface)["hair"] == pytest.approx(1 / 1.8)
+    invented = {name: grown(region, PersonLook.of(3, {"hair": 0.5})) for name, region in REGIONS.items()}
+    assert {name: region.per_m2 for name, region in invented.items()} == pytest.approx(
+        {name: region.per_m2 for name, region in surface.hair.items()}
+    )
 
 
 def test_an_age_sets_folds_and_veins_that_are_not_given(light):
@@ -74,7 +82,7 @@ def test_what_is_not_given_stays_and_the_numbers_are_told(light):
     assert other.surface.person.melanin == light.surface.person.melanin
     assert other.provenance["adjusted"] == {"folds": 1.7}
     assert current_numbers(other.surface) == pytest.approx(
-        {"tone": 0.0, "blood": 1.0, "veins": 0.25, "folds": 1.7, "hair": 1.0}
+        {"tone": 0.0, "blood": 1.0, "veins": 0.25, "folds": 1.7, "hair": 1 / 1.8}
     )
 
 
