@@ -3,17 +3,21 @@
 The logarithm of the ratio is prior(place; numbers) + low + high. Light and albedo trade what is coarse: an error of the
 light's estimate looks like a large stain. So of what is coarser than some millimetres a share is kept (`low`), that the
 pictures' agreement allows, and it dies out over the surface where nothing was seen; what is finer is the person's.
+
+Skin that no picture shows has the base's own fine pigment. Where the person's varies more, patches of the person's are
+added; where it varies less, the base's is faded.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse import linalg
 
 from ..surface.atlas_texels import AtlasTexels
+from ..surface.skin_patches import SkinPoints, patched
 from .gathering import GatheredRatio
 from .numbers import ToneFamily, ToneFit, fitted_numbers
 
@@ -23,6 +27,10 @@ _REACH_EDGES = 12.0  # over which it dies out where nothing was seen
 _KEPT_LOW = 0.75
 _SURE_WEIGHT = 0.15
 _SURE_AROUND = 0.3, 0.6  # mean confidence around a texel at which it begins to count, and counts fully
+_COPIED, _HALF_SEEN = 0.75, 0.5  # confidence of skin that is copied; from which on nothing is added
+_VARIANCE_EDGES = 60.0  # of the Laplacian: over which contrast is told
+_LEAST_FADED = 0.5  # of the base's own pigment
+_LEAST_VARIANCE, _MOST_DEVIATIONS = 1e-5, 4.0
 
 
 @dataclass(frozen=True)
@@ -73,6 +81,52 @@ def completed_ratio(
     seen = of_prior + kept_low * of_low + high
     log_ratio = confidence[:, None] * seen + (1 - confidence[:, None]) * (of_prior + of_spread)
     return CompletedRatio(log_ratio, of_prior, confidence, numbers)
+
+
+def with_unseen_detail(
+    texels: AtlasTexels,
+    completed: CompletedRatio,
+    base_log_albedo: np.ndarray,
+    points: SkinPoints,
+    is_usual: np.ndarray,
+) -> CompletedRatio:
+    """Give the skin that no picture shows the contrast of what is seen around it.
+
+    Args:
+        texels: of the atlas.
+        completed: what the pictures say.
+        base_log_albedo: [T, 3] of the base, with its fine pigment.
+        points: where the texels lie at rest.
+        is_usual: [T] neither nails nor marks of one hand alone, which nothing else is like.
+    """
+    of_base = _fine(texels, base_log_albedo)
+    of_person = _fine(texels, completed.log_ratio + base_log_albedo)
+    is_copied = is_usual & (completed.confidence > _COPIED)
+    if not is_copied.any():
+        return completed
+    trusted = is_copied.astype(np.float32)
+    base_variance = _local_mean(texels, (of_base**2).mean(1), np.ones_like(trusted))
+    own_variance = _local_mean(texels, (of_person**2).mean(1), trusted)
+    more = own_variance - _local_mean(texels, (of_base**2).mean(1), trusted)
+    deviation = np.sqrt(own_variance.clip(_LEAST_VARIANCE))[:, None]
+    texture = patched(points, (of_person / deviation).clip(-_MOST_DEVIATIONS, _MOST_DEVIATIONS), is_copied)
+    kept = np.sqrt((1 + more / base_variance.clip(_LEAST_VARIANCE)).clip(_LEAST_FADED**2, 1))
+    added = np.sqrt(more.clip(0))[:, None] * texture + (kept - 1)[:, None] * of_base
+    unseen = (1 - completed.confidence / _HALF_SEEN).clip(0)[:, None] * is_usual[:, None]
+    return replace(completed, log_ratio=(completed.log_ratio + unseen * added).astype(np.float32))
+
+
+def _fine(texels: AtlasTexels, values: np.ndarray) -> np.ndarray:
+    """Return what is finer than some millimetres of values [T, C]."""
+    ones = np.ones(len(values), np.float32)
+    smooth = _smoothed(texels, *texels.at_vertices(values, ones), _SMOOTH_EDGES, 0.0)
+    return values - texels.at_texels(smooth.astype(np.float32))
+
+
+def _local_mean(texels: AtlasTexels, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Average values [T] around each texel, by weights [T]; far from all it is the nearest mean."""
+    mean = _smoothed(texels, *texels.at_vertices(values[:, None], weight), _VARIANCE_EDGES, 0.0)
+    return texels.at_texels(mean.astype(np.float32))[:, 0]
 
 
 def _confidence(texels: AtlasTexels, weight: np.ndarray) -> np.ndarray:

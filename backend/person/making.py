@@ -3,7 +3,7 @@
 - light (`numbers`, `illumination`): of every scene, and the melanin of the skin in which it explains them best
 - gather (`gathering`): what pictures show of each texel
 - numbers (`numbers`): blood; strength and tint of the light
-- complete (`completion`): delighting with a prior, and what no picture shows
+- complete (`completion`): delighting with a prior, and what no picture shows; at the end with the contrast of the rest
 - refit (`refit`; `skin_fit` of calibrated cameras): poses and shape, by flow from render to picture, and outlines
 """
 
@@ -19,9 +19,13 @@ import torch
 from ..records.errors import LiveHandError
 from ..records.hand_picture import PicturedHand
 from ..surface.albedo_ratio import ratio_steps
+from ..surface.atlas_masks import marks_map
 from ..surface.atlas_texels import AtlasTexels
+from ..surface.base_surface import whole_surface
+from ..surface.shading_detail import log_albedo
+from ..surface.skin_patches import SkinPoints
 from .agreement import GatheredRatio
-from .completion import CompletedRatio, completed_ratio
+from .completion import CompletedRatio, completed_ratio, with_unseen_detail
 from .gathering import gathered_ratio
 from .illumination import PICTURES_OF_SCENE, Illumination, LitPixels, evenly_chosen, fitted_light, pixels_of_scenes
 from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
@@ -216,7 +220,41 @@ def person_of_pictures(
         round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
         hand, melanin = fitted.fitted(hand), fitted.melanin
-    return made_person(shaped(bases.nearest(melanin), hand), hand, bases.family, options, log), hand
+    return _with_unseen_detail(
+        made_person(shaped(bases.nearest(melanin), hand), hand, bases.family, options, log)
+    ), hand
+
+
+def _with_unseen_detail(made: MadePerson) -> MadePerson:
+    texels, base = made.texels, made.model.with_ratio(None)
+    template, at_rest = base.template, base.at_detail(base.hand.v_template)
+    points = SkinPoints(1000 * texels.at_texels(at_rest), texels.at_texels(template.normals.numpy()))
+    base_log_albedo = texels.at_texels(family_at_base(base)) + _fine_log_albedo(base, texels)
+    completed = with_unseen_detail(texels, made.completed, base_log_albedo, points, ~_marks_and_nails(made))
+    return replace(made, completed=completed, model=made.model.with_ratio(_steps(texels, completed.log_ratio)))
+
+
+def _fine_log_albedo(base: PersonModel, texels: AtlasTexels) -> np.ndarray:
+    """Return the logarithm [T, 3] of what a base's detail maps multiply its albedo by."""
+    row, column = np.divmod(texels.pixel, texels.resolution)
+    uv = torch.as_tensor((np.stack([column, row], 1) + 0.5) / texels.resolution, dtype=torch.float32)
+    surface = base.pipeline.surface
+    assert surface is not None
+    return log_albedo(surface.maps_of("right"), uv, texels.resolution).numpy()
+
+
+def _marks_and_nails(made: MadePerson) -> np.ndarray:
+    """Find the texels [T] that show what no other skin does."""
+    surface, texels = made.model.avatar.surface, made.texels
+    assert surface is not None
+    nail = whole_surface(surface).arrays["nail"]
+    marks = marks_map(texels, made.completed.log_ratio, made.completed.confidence, nail)
+    row, column = np.divmod(texels.pixel, texels.resolution)
+    return np.any([_looked_up(image > 0, row, column, texels.resolution) for image in (nail, marks)], 0)
+
+
+def _looked_up(image: np.ndarray, row: np.ndarray, column: np.ndarray, resolution: int) -> np.ndarray:
+    return image[row * len(image) // resolution, column * len(image) // resolution]
 
 
 def lines_of_making(hand: PicturedHand, options: MakingOptions) -> int:

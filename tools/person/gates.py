@@ -76,10 +76,12 @@ class SceneFigures(NamedTuple):
     Attributes:
         figures: of the hand's pixels.
         contrast: by side of the hand (seen, unseen) and band, over the true one.
+        pixels: of each side.
     """
 
     figures: PictureFigures
     contrast: Mapping[str, Mapping[str, float]]
+    pixels: Mapping[str, int]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -122,16 +124,18 @@ def picture_gates(avatar: Avatar, truth: Truth, hand: HandModel, numbers: Avatar
         rows.append(Gate("1 numbers alone, PSNR dB", mean_figures([one.figures for one in plain]).psnr_db))
         over = [a.figures.psnr_db - b.figures.psnr_db for a, b in zip(true_shape, plain, strict=True)]
         rows.append(Gate("1 over numbers alone in the worst scene, dB", min(over), least=0))
-    return rows + contrast_gates([one.contrast for one in true_shape])
+    return rows + contrast_gates(true_shape)
 
 
-def contrast_gates(contrasts: Sequence[Mapping[str, Mapping[str, float]]]) -> list[Gate]:
-    """Measure gate 6: means over scenes of our contrast by the true one, by side and band."""
+def contrast_gates(scenes: Sequence[SceneFigures]) -> list[Gate]:
+    """Measure gate 6: means over the pixels of all scenes of our contrast by the true one, by side and band."""
     rows = []
     for side, allowed in (("seen", 0.10), ("unseen", 0.25)):
-        of_side = [one[side] for one in contrasts if one[side]]
-        for key in of_side[0] if of_side else ():
-            value = float(np.mean([one[key] for one in of_side if key in one]))
+        of_side = [one for one in scenes if one.contrast[side]]
+        for key in of_side[0].contrast[side] if of_side else ():
+            told = [(one.contrast[side][key], one.pixels[side]) for one in of_side if key in one.contrast[side]]
+            ratios, pixels = np.transpose(told)
+            value = float(np.average(ratios, weights=pixels))
             rows.append(Gate(f"6 contrast, {side} side, {key}", value, 1 - allowed, 1 + allowed))
     return rows
 
@@ -193,7 +197,8 @@ def _compared(renderer: Renderer, true_shot: Shot, shot: Shot, picture: np.ndarr
     mm_per_px = 1000 * float(np.median(maps.depth[on_hand])) / true_shot.camera.K[0, 0]
     sides = {"seen": on_hand & seen, "unseen": on_hand & ~seen}
     contrast = {name: contrast_ratios(ours, true, side, mm_per_px) for name, side in sides.items()}
-    return SceneFigures(picture_figures(ours, true, on_hand), contrast)
+    pixels = {name: int(side.sum()) for name, side in sides.items()}
+    return SceneFigures(picture_figures(ours, true, on_hand), contrast, pixels)
 
 
 def hand_pixels(shot: Shot, hand: HandModel) -> np.ndarray:

@@ -34,6 +34,7 @@ OPTIONAL = {
         "backend/rigs/model_transfer/",
         "backend/surface/atlas_masks.py",
         "backend/surface/atlas_texels.py",
+        "backend/surface/skin_patches.py",
         "backend/hand/penetration.py",
     ),
 }

@@ -16,6 +16,7 @@ from livehand.backend.render.renderer import Renderer
 from livehand.backend.surface.albedo_ratio import RATIO_STEP
 from livehand.tools.person.gates import (
     Gate,
+    SceneFigures,
     compared,
     contrast_gates,
     hand_pixels,
@@ -24,6 +25,7 @@ from livehand.tools.person.gates import (
     poses_in_cameras,
     resized,
 )
+from livehand.tools.person.measures import PictureFigures
 from livehand.tools.person.script import FRAMES, film_cameras, film_motion, kept_scenes
 from livehand.tools.person.truth import Truth
 
@@ -124,9 +126,15 @@ def test_an_avatar_that_made_the_truth_is_perfect(truth, hand, monkeypatch):
     assert found.contrast["unseen"] == {}
 
 
-def test_contrast_is_averaged_by_side_over_the_scenes_that_show_it():
-    rows = contrast_gates([{"seen": {"l_1_2": 1.0}, "unseen": {}}, {"seen": {"l_1_2": 1.3}, "unseen": {"l_1_2": 0.8}}])
-    assert [row.value for row in rows] == pytest.approx([1.15, 0.8])
+def test_contrast_is_averaged_by_side_over_the_pixels_that_show_it():
+    figures = PictureFigures(30.0, 0.1, 0.9)
+    rows = contrast_gates(
+        [
+            SceneFigures(figures, {"seen": {"l_1_2": 1.0}, "unseen": {}}, {"seen": 1000, "unseen": 7}),
+            SceneFigures(figures, {"seen": {"l_1_2": 1.3}, "unseen": {"l_1_2": 0.8}}, {"seen": 3000, "unseen": 500}),
+        ]
+    )
+    assert [row.value for row in rows] == pytest.approx([1.225, 0.8])
     assert [row.passes for row in rows] == [False, True]
 
 

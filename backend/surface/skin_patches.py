@@ -1,0 +1,123 @@
+"""Texture for skin that was not seen: patches of the skin that was, which overlap.
+
+Each patch is copied from a place of the same kind, near it and turned to the same side. Patches are blended so that the
+variance stays (Heitz and Neyret 2018, "High-Performance By-Example Noise using a Histogram-Preserving Blending
+Operator"): the mean of two textures would be flatter than each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
+
+_RADIUS_MM, _SPACING_MM = 16.0, 13.0  # of a patch; between the centres of patches
+_OVERLAPPING = 4
+_CHOICES = 60  # places that are most alike, of which one is taken
+_WHOLE = 0.8  # share of a place that must be known
+_ALIKE_MM = 60.0  # that make places as unlike as normals at a right angle do
+_SAMPLES = 4000  # places that are looked at
+_LONG_AXIS, _LEAST_ALONG = np.array([1.0, 0.05, 0.0]), 1e-6  # of the hand at rest; hardly any normal lies along it
+
+
+@dataclass(frozen=True)
+class SkinPoints:
+    """T points on the surface at rest.
+
+    Attributes:
+        position_mm: [T, 3].
+        normal: [T, 3] unit.
+    """
+
+    position_mm: Float[np.ndarray, "T 3"]
+    normal: Float[np.ndarray, "T 3"]
+
+    def at(self, where: np.ndarray) -> SkinPoints:
+        """Select points by index or mask."""
+        return SkinPoints(self.position_mm[where], self.normal[where])
+
+
+def patched(
+    points: SkinPoints, values: Float[np.ndarray, "T C"], is_known: Bool[np.ndarray, " T"], seed: int = 0
+) -> Float[np.ndarray, "T C"]:
+    """Continue a texture over the surface.
+
+    Args:
+        points: on the surface.
+        values: of the texture, whose mean is 0, where it is known.
+        is_known: where it is.
+        seed: of the places that are chosen.
+
+    Returns:
+        The texture of all points: as it was where it is known; 0 where no place is whole enough to be copied.
+    """
+    whole = np.where(is_known[:, None], values, 0).astype(np.float32)
+    known, wanted = points.at(is_known), np.flatnonzero(~is_known)
+    random = np.random.default_rng(seed)
+    places = _whole_places(points, is_known, random)
+    if len(wanted) and len(places):
+        whole[wanted] = _blended(points.at(wanted), known, values[is_known], points.at(places), random)
+    return whole
+
+
+def _blended(
+    wanted: SkinPoints, known: SkinPoints, values: np.ndarray, places: SkinPoints, random: np.random.Generator
+) -> np.ndarray:
+    centres = wanted.at(_spaced(wanted.position_mm, random))
+    sources = places.at(_like(centres, places, random))
+    count = min(_OVERLAPPING, len(centres.normal))
+    distance, patch = KDTree(centres.position_mm).query(wanted.position_mm, k=[*range(1, count + 1)])
+    share = (1 - distance / _RADIUS_MM).clip(0.02) ** 2
+    nearest = KDTree(known.position_mm)
+    total = np.zeros((len(wanted.normal), values.shape[1]), np.float32)
+    for layer in range(count):
+        at_mm = _carried(wanted.position_mm, centres.at(patch[:, layer]), sources.at(patch[:, layer]))
+        total += share[:, layer, None] * values[nearest.query(at_mm)[1]]
+    return total / np.sqrt((share**2).sum(1, keepdims=True))
+
+
+def _spaced(position_mm: np.ndarray, random: np.random.Generator) -> Int[np.ndarray, " P"]:
+    """Choose points of which each other one is near, and no two are nearer than a spacing."""
+    tree, left, chosen = KDTree(position_mm), np.ones(len(position_mm), bool), []
+    for index in random.permutation(len(position_mm)):
+        if left[index]:
+            chosen.append(index)
+            left[tree.query_ball_point(position_mm[index], _SPACING_MM)] = False
+    return np.array(chosen)
+
+
+def _whole_places(points: SkinPoints, is_known: np.ndarray, random: np.random.Generator) -> Int[np.ndarray, " P"]:
+    """Choose known points around which nearly all are known."""
+    known = np.flatnonzero(is_known)
+    tried = random.permutation(known)[:_SAMPLES]
+    some = random.permutation(len(is_known))[: 8 * _SAMPLES]  # a sample tells shares well enough
+    around = KDTree(points.position_mm[some]).query_ball_point(points.position_mm[tried], _RADIUS_MM)
+    shares = [is_known[some[near]].mean() if len(near) else 0.0 for near in around]
+    return tried[np.array(shares) >= _WHOLE] if len(tried) else tried
+
+
+def _like(centres: SkinPoints, places: SkinPoints, random: np.random.Generator) -> Int[np.ndarray, " P"]:
+    """Choose for each centre one of the places that are most like it."""
+    count = min(_CHOICES, len(places.normal))
+    near = KDTree(_kind(places)).query(_kind(centres), k=[*range(1, count + 1)])[1]
+    return near[np.arange(len(near)), random.integers(0, count, len(near))]
+
+
+def _kind(points: SkinPoints) -> np.ndarray:
+    return np.concatenate([points.position_mm / _ALIKE_MM, points.normal], 1)
+
+
+def _carried(position_mm: np.ndarray, centres: SkinPoints, sources: SkinPoints) -> np.ndarray:
+    """Move points from around a centre each to the same place around a source."""
+    from_axes, to_axes = _axes(centres.normal), _axes(sources.normal)
+    inside = np.einsum("tkc,tc->tk", from_axes, position_mm - centres.position_mm)
+    return sources.position_mm + np.einsum("tk,tkc->tc", inside, to_axes)
+
+
+def _axes(normal: np.ndarray) -> Float[np.ndarray, "T 2 3"]:
+    """Return unit tangents: as near to the hand's long axis as may be, and across."""
+    along = _LONG_AXIS - (normal @ _LONG_AXIS)[:, None] * normal
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), _LEAST_ALONG)
+    return np.stack([along, np.cross(normal, along)], 1)

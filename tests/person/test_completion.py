@@ -1,0 +1,61 @@
+"""Skin that no picture shows: it gets the contrast of the rest, and what pictures show stays."""
+
+import numpy as np
+import pytest
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.person.completion import CompletedRatio, with_unseen_detail
+from livehand.backend.person.numbers import ToneFit
+from livehand.backend.person.person_avatar import shipped_bases
+from livehand.backend.surface.atlas_texels import AtlasTexels
+from livehand.backend.surface.skin_patches import SkinPoints
+
+pytestmark = pytest.mark.slow
+BACK_TO = -0.03  # m along the hand at rest, where it begins to be unseen
+
+
+@pytest.fixture(scope="module")
+def skin():
+    base = shipped_bases(load_default_hand()).models[0.42]
+    texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, 512)
+    at_rest = texels.at_texels(base.at_detail(base.hand.v_template))
+    return texels, SkinPoints(1000 * at_rest, texels.at_texels(base.template.normals.numpy()))
+
+
+def completed(log_ratio, confidence):
+    return CompletedRatio(log_ratio.astype(np.float32), 0 * log_ratio, confidence, ToneFit(0.4, 1, 0, np.zeros(3), 0))
+
+
+def noise(count, deviation, seed):
+    return deviation * np.random.default_rng(seed).normal(size=(count, 1)).astype(np.float32).repeat(3, 1)
+
+
+@pytest.mark.parametrize(("own", "base"), [(0.2, 0.05), (0.05, 0.08)])
+def test_unseen_skin_gets_the_contrast_of_what_is_seen(skin, own, base):
+    texels, points = skin
+    is_seen = points.position_mm[:, 0] < 1000 * BACK_TO
+    base_log_albedo = noise(len(is_seen), base, 1)
+    person = noise(len(is_seen), own, 2)
+    log_ratio = np.where(is_seen[:, None], person - base_log_albedo, 0)
+    usual = np.ones(len(is_seen), bool)
+    given = completed(log_ratio, is_seen.astype(np.float32))
+    whole = with_unseen_detail(texels, given, base_log_albedo, points, usual)
+    np.testing.assert_allclose(whole.log_ratio[is_seen], log_ratio[is_seen], atol=1e-6)
+    shown = (whole.log_ratio + base_log_albedo)[~is_seen]
+    assert shown.std() == pytest.approx(own, rel=0.15)
+
+
+def test_nails_and_marks_are_neither_copied_nor_painted(skin):
+    texels, points = skin
+    is_seen = points.position_mm[:, 0] < 1000 * BACK_TO
+    is_usual = np.random.default_rng(3).random(len(is_seen)) > 0.02
+    log_ratio = np.where(is_seen[:, None] & ~is_usual[:, None], 3.0, 0.0) + np.zeros((len(is_seen), 3))
+    given = completed(log_ratio, is_seen.astype(np.float32))
+    whole = with_unseen_detail(texels, given, np.zeros_like(log_ratio), points, is_usual)
+    np.testing.assert_array_equal(whole.log_ratio[~is_usual], log_ratio[~is_usual].astype(np.float32))
+    assert np.abs(whole.log_ratio[~is_seen]).max() < 1.0
+
+
+def test_a_person_of_whom_nothing_is_sure_stays(skin):
+    texels, points = skin
+    given = completed(noise(len(texels.pixel), 0.1, 4), np.full(len(texels.pixel), 0.4, np.float32))
+    assert with_unseen_detail(texels, given, given.prior, points, np.ones(len(texels.pixel), bool)) is given
