@@ -240,7 +240,7 @@ def _fine_log_albedo(base: PersonModel, texels: AtlasTexels) -> np.ndarray:
     uv = torch.as_tensor((np.stack([column, row], 1) + 0.5) / texels.resolution, dtype=torch.float32)
     surface = base.pipeline.surface
     assert surface is not None
-    return log_albedo(surface.maps_of("right"), uv, texels.resolution).numpy()
+    return log_albedo(surface.skin.maps_of("right"), uv, texels.resolution).numpy()
 
 
 def _marks_and_nails(made: MadePerson) -> np.ndarray:

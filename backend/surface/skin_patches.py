@@ -68,13 +68,12 @@ def _blended(
     centres = wanted.at(_spaced(wanted.position_mm, random))
     sources = places.at(_like(centres, places, random))
     count = min(_OVERLAPPING, len(centres.normal))
-    distance, patch = KDTree(centres.position_mm).query(wanted.position_mm, k=[*range(1, count + 1)])
+    distance, patch = _nearest(centres.position_mm, wanted.position_mm, count)
     share = (1 - distance / _RADIUS_MM).clip(0.02) ** 2
-    nearest = KDTree(known.position_mm)
     total = np.zeros((len(wanted.normal), values.shape[1]), np.float32)
     for layer in range(count):
         at_mm = _carried(wanted.position_mm, centres.at(patch[:, layer]), sources.at(patch[:, layer]))
-        total += share[:, layer, None] * values[nearest.query(at_mm)[1]]
+        total += share[:, layer, None] * values[_nearest(known.position_mm, at_mm, 1)[1][:, 0]]
     return total / np.sqrt((share**2).sum(1, keepdims=True))
 
 
@@ -93,7 +92,8 @@ def _whole_places(points: SkinPoints, is_known: np.ndarray, random: np.random.Ge
     known = np.flatnonzero(is_known)
     tried = random.permutation(known)[:_SAMPLES]
     some = random.permutation(len(is_known))[: 8 * _SAMPLES]  # a sample tells shares well enough
-    around = KDTree(points.position_mm[some]).query_ball_point(points.position_mm[tried], _RADIUS_MM)
+    tree = KDTree(points.position_mm[some])
+    around = [np.asarray(tree.query_ball_point(points.position_mm[one], _RADIUS_MM), int) for one in tried]
     shares = [is_known[some[near]].mean() if len(near) else 0.0 for near in around]
     return tried[np.array(shares) >= _WHOLE] if len(tried) else tried
 
@@ -101,8 +101,14 @@ def _whole_places(points: SkinPoints, is_known: np.ndarray, random: np.random.Ge
 def _like(centres: SkinPoints, places: SkinPoints, random: np.random.Generator) -> Int[np.ndarray, " P"]:
     """Choose for each centre one of the places that are most like it."""
     count = min(_CHOICES, len(places.normal))
-    near = KDTree(_kind(places)).query(_kind(centres), k=[*range(1, count + 1)])[1]
+    near = _nearest(_kind(places), _kind(centres), count)[1]
     return near[np.arange(len(near)), random.integers(0, count, len(near))]
+
+
+def _nearest(points: np.ndarray, to: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Find the nearest points to others [T, D]: distances and indices [T, count], the nearest first."""
+    distance, index = KDTree(points).query(to, k=count)
+    return np.reshape(distance, (len(to), count)), np.reshape(index, (len(to), count))
 
 
 def _kind(points: SkinPoints) -> np.ndarray:
