@@ -17,7 +17,10 @@ import torch
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from ..hand.joint_axes import anatomical_axes
+from ..hand.joint_limits import FREE
 from ..hand.lbs import SkinTensors, pose_hand, posed_vertices
+from ..hand.model import HandModel
 from ..records.camera import Camera
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..records.shot import HandPose
@@ -69,6 +72,7 @@ _STEPS = 200
 _RATES = (0.01, 0.02, 0.0015, 0.005)  # of theta, beta, transl, forearm
 _THETA_WEIGHT, _BETA_WEIGHT, _TRANSL_M, _FOREARM_RAD = 6.0, 0.15, 0.04, 0.4
 _OUTLINE_WEIGHT = 0.5
+_HINGE_WEIGHT = 30.0  # of turns that fingers hardly have, rad^2
 
 
 class PoseTargets(NamedTuple):
@@ -201,6 +205,7 @@ def _fitted(
     goal = torch.as_tensor(np.stack([each.px for each in targets]), dtype=torch.float32)
     weight = torch.as_tensor(np.stack([each.weight for each in targets]), dtype=torch.float32)
     outlines = _Outlines.of([each.outline for each in targets])
+    hinges = HingeTurns.of(model.hand)
     offset_m = torch.as_tensor(np.stack([_offset(model, one.pose) for one in pictures]), dtype=torch.float32)
     parameters = [(theta, _RATES[0]), (transl, _RATES[2]), (forearm, _RATES[3])]
     parameters += [(beta, _RATES[1])] if fits_shape else []
@@ -214,6 +219,7 @@ def _fitted(
         data = (weight * _robust((px - goal).norm(dim=-1))).sum(1) / weight.sum(1).clamp(min=1)
         loss = data.mean() + _OUTLINE_WEIGHT * outlines.loss(px)
         loss = loss + _THETA_WEIGHT * ((theta - start[0])[:, 1:] ** 2).sum((1, 2)).mean()
+        loss = loss + _HINGE_WEIGHT * (hinges(theta) ** 2).sum(1).mean()
         loss = loss + _BETA_WEIGHT * ((beta - first_beta) ** 2).sum()
         loss = loss if length is None else loss + length.loss(beta)
         loss = loss + 0.5 * (((transl - start[1]) / _TRANSL_M) ** 2).sum(1).mean()
@@ -225,6 +231,24 @@ def _fitted(
     shape = beta.detach().double().numpy()
     poses = [HandPose(a, shape, b, "right", c) for a, b, c in zip(*fitted, strict=True)]
     return [poses[row] for row in pose_of.tolist()]
+
+
+class HingeTurns(NamedTuple):
+    """The axes [15, 3, 3] of the fingers' joints, and which [45] of the turns about them hinges do not allow."""
+
+    axes: Tensor
+    is_stiff: Tensor
+
+    @classmethod
+    def of(cls, hand: HandModel) -> HingeTurns:
+        is_stiff = torch.ones(45, dtype=torch.bool)
+        is_stiff[torch.as_tensor(FREE)] = False
+        return cls(torch.as_tensor(anatomical_axes(hand), dtype=torch.float32), is_stiff)
+
+    def __call__(self, theta: Tensor) -> Tensor:
+        """Return those turns [K, S], rad, of poses [K, 16, 3], to first order."""
+        turns = torch.einsum("jac,kjc->kja", self.axes, theta[:, 1:])
+        return turns.flatten(1)[:, self.is_stiff]
 
 
 def _poses_of(pictures: Sequence[HandPicture]) -> tuple[list[int], Tensor]:

@@ -2,8 +2,12 @@
 
 import numpy as np
 import pytest
+import torch
+from livehand.backend.hand.gestures import FingerAxes, theta_of
+from livehand.backend.hand.joint_limits import FREE
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.person.model import GeometryMaps
-from livehand.backend.person.refit import outline_targets
+from livehand.backend.person.refit import HingeTurns, outline_targets
 from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
 
 MIDDLE_PX, RADIUS_PX = 50.0, 30.0
@@ -41,3 +45,16 @@ def test_the_outline_beside_what_is_unknown_is_no_target(shown):
     assert len(targets.vertex) > 150
     assert targets.px[:, 0].max() < 56.5
     assert not len(outline_targets(maps, np.full_like(labels, UNKNOWN), rim_px).vertex)
+
+
+def test_turns_that_hinges_do_not_allow_are_told_and_free_ones_are_not():
+    hinges = HingeTurns.of(load_default_hand())
+    free, stiff = np.zeros((2, 45))
+    free[FREE] = 20.0
+    stiff[np.setdiff1d(np.arange(45), FREE)] = 4.0
+    angles_deg = np.stack([free, stiff]).reshape(2, 15, 3)
+    theta = theta_of(angles_deg, FingerAxes.of_default_hand(), np.array([0.5, 0.2, -0.3]))
+    turns_deg = np.rad2deg(hinges(torch.as_tensor(theta, dtype=torch.float32)).numpy())
+    # Turns about several axes at once differ from their sum by half of their products: .5 x 20 x 20 deg at a knuckle.
+    assert np.abs(turns_deg[0]).max() < 0.5 * np.rad2deg(np.deg2rad(20) ** 2) + 0.2
+    np.testing.assert_allclose(turns_deg[1], 4.0, atol=0.5 * np.rad2deg(np.deg2rad(4) ** 2) + 0.02)
