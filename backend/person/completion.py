@@ -17,7 +17,7 @@ from scipy import sparse
 from scipy.sparse import linalg
 
 from ..surface.atlas_texels import AtlasTexels
-from ..surface.skin_patches import SkinPoints, patched
+from ..surface.skin_patches import RestPoints, patched
 from .gathering import GatheredRatio
 from .numbers import ToneFamily, ToneFit, fitted_numbers
 
@@ -87,7 +87,7 @@ def with_unseen_detail(
     texels: AtlasTexels,
     completed: CompletedRatio,
     base_log_albedo: np.ndarray,
-    points: SkinPoints,
+    points: RestPoints,
     is_usual: np.ndarray,
 ) -> CompletedRatio:
     """Give the skin that no picture shows the contrast of what is seen around it.

@@ -23,7 +23,7 @@ from ..surface.atlas_masks import marks_map
 from ..surface.atlas_texels import AtlasTexels
 from ..surface.base_surface import whole_surface
 from ..surface.shading_detail import log_albedo
-from ..surface.skin_patches import SkinPoints
+from ..surface.skin_patches import RestPoints
 from .agreement import GatheredRatio
 from .completion import CompletedRatio, completed_ratio, with_unseen_detail
 from .gathering import gathered_ratio
@@ -228,7 +228,7 @@ def person_of_pictures(
 def _with_unseen_detail(made: MadePerson) -> MadePerson:
     texels, base = made.texels, made.model.with_ratio(None)
     template, at_rest = base.template, base.at_detail(base.hand.v_template)
-    points = SkinPoints(1000 * texels.at_texels(at_rest), texels.at_texels(template.normals.numpy()))
+    points = RestPoints(1000 * texels.at_texels(at_rest), texels.at_texels(template.normals.numpy()))
     base_log_albedo = texels.at_texels(family_at_base(base)) + _fine_log_albedo(base, texels)
     completed = with_unseen_detail(texels, made.completed, base_log_albedo, points, ~_marks_and_nails(made))
     return replace(made, completed=completed, model=made.model.with_ratio(_steps(texels, completed.log_ratio)))

@@ -15,15 +15,15 @@ from scipy.spatial import KDTree
 
 _RADIUS_MM, _SPACING_MM = 16.0, 13.0  # of a patch; between the centres of patches
 _OVERLAPPING = 4
-_CHOICES = 60  # places that are most alike, of which one is taken
-_WHOLE = 0.8  # share of a place that must be known
-_ALIKE_MM = 60.0  # that make places as unlike as normals at a right angle do
-_SAMPLES = 4000  # places that are looked at
+_CHOICES = 60  # sources that are most alike, of which one is taken
+_WHOLE = 0.8  # share of a place that must be seen
+_ALIKE_MM = 60.0  # that make sources as unlike as normals at a right angle do
+_SAMPLES = 4000  # sources that are looked at
 _LONG_AXIS, _LEAST_ALONG = np.array([1.0, 0.05, 0.0]), 1e-6  # of the hand at rest; hardly any normal lies along it
 
 
 @dataclass(frozen=True)
-class SkinPoints:
+class RestPoints:
     """T points on the surface at rest.
 
     Attributes:
@@ -34,46 +34,46 @@ class SkinPoints:
     position_mm: Float[np.ndarray, "T 3"]
     normal: Float[np.ndarray, "T 3"]
 
-    def at(self, where: np.ndarray) -> SkinPoints:
+    def at(self, where: np.ndarray) -> RestPoints:
         """Select points by index or mask."""
-        return SkinPoints(self.position_mm[where], self.normal[where])
+        return RestPoints(self.position_mm[where], self.normal[where])
 
 
 def patched(
-    points: SkinPoints, values: Float[np.ndarray, "T C"], is_known: Bool[np.ndarray, " T"], seed: int = 0
+    points: RestPoints, values: Float[np.ndarray, "T C"], is_seen: Bool[np.ndarray, " T"], seed: int = 0
 ) -> Float[np.ndarray, "T C"]:
     """Continue a texture over the surface.
 
     Args:
         points: on the surface.
-        values: of the texture, whose mean is 0, where it is known.
-        is_known: where it is.
-        seed: of the places that are chosen.
+        values: of the texture, whose mean is 0, where it is seen.
+        is_seen: where it is.
+        seed: of the sources that are chosen.
 
     Returns:
-        The texture of all points: as it was where it is known; 0 where no place is whole enough to be copied.
+        The texture of all points: as it was where it is seen; 0 where no source is whole enough.
     """
-    whole = np.where(is_known[:, None], values, 0).astype(np.float32)
-    known, wanted = points.at(is_known), np.flatnonzero(~is_known)
+    whole = np.where(is_seen[:, None], values, 0).astype(np.float32)
+    seen, wanted = points.at(is_seen), np.flatnonzero(~is_seen)
     random = np.random.default_rng(seed)
-    places = _whole_places(points, is_known, random)
-    if len(wanted) and len(places):
-        whole[wanted] = _blended(points.at(wanted), known, values[is_known], points.at(places), random)
+    sources = _whole_sources(points, is_seen, random)
+    if len(wanted) and len(sources):
+        whole[wanted] = _blended(points.at(wanted), seen, values[is_seen], points.at(sources), random)
     return whole
 
 
 def _blended(
-    wanted: SkinPoints, known: SkinPoints, values: np.ndarray, places: SkinPoints, random: np.random.Generator
+    wanted: RestPoints, seen: RestPoints, values: np.ndarray, candidates: RestPoints, random: np.random.Generator
 ) -> np.ndarray:
     centres = wanted.at(_spaced(wanted.position_mm, random))
-    sources = places.at(_like(centres, places, random))
+    sources = candidates.at(_like(centres, candidates, random))
     count = min(_OVERLAPPING, len(centres.normal))
     distance, patch = _nearest(centres.position_mm, wanted.position_mm, count)
     share = (1 - distance / _RADIUS_MM).clip(0.02) ** 2
     total = np.zeros((len(wanted.normal), values.shape[1]), np.float32)
     for layer in range(count):
         at_mm = _carried(wanted.position_mm, centres.at(patch[:, layer]), sources.at(patch[:, layer]))
-        total += share[:, layer, None] * values[_nearest(known.position_mm, at_mm, 1)[1][:, 0]]
+        total += share[:, layer, None] * values[_nearest(seen.position_mm, at_mm, 1)[1][:, 0]]
     return total / np.sqrt((share**2).sum(1, keepdims=True))
 
 
@@ -87,21 +87,21 @@ def _spaced(position_mm: np.ndarray, random: np.random.Generator) -> Int[np.ndar
     return np.array(chosen)
 
 
-def _whole_places(points: SkinPoints, is_known: np.ndarray, random: np.random.Generator) -> Int[np.ndarray, " P"]:
-    """Choose known points around which nearly all are known."""
-    known = np.flatnonzero(is_known)
-    tried = random.permutation(known)[:_SAMPLES]
-    some = random.permutation(len(is_known))[: 8 * _SAMPLES]  # a sample tells shares well enough
+def _whole_sources(points: RestPoints, is_seen: np.ndarray, random: np.random.Generator) -> Int[np.ndarray, " P"]:
+    """Choose seen points around which nearly all are seen."""
+    seen = np.flatnonzero(is_seen)
+    tried = random.permutation(seen)[:_SAMPLES]
+    some = random.permutation(len(is_seen))[: 8 * _SAMPLES]  # a sample tells shares well enough
     tree = KDTree(points.position_mm[some])
     around = [np.asarray(tree.query_ball_point(points.position_mm[one], _RADIUS_MM), int) for one in tried]
-    shares = [is_known[some[near]].mean() if len(near) else 0.0 for near in around]
+    shares = [is_seen[some[near]].mean() if len(near) else 0.0 for near in around]
     return tried[np.array(shares) >= _WHOLE] if len(tried) else tried
 
 
-def _like(centres: SkinPoints, places: SkinPoints, random: np.random.Generator) -> Int[np.ndarray, " P"]:
-    """Choose for each centre one of the places that are most like it."""
-    count = min(_CHOICES, len(places.normal))
-    near = _nearest(_kind(places), _kind(centres), count)[1]
+def _like(centres: RestPoints, sources: RestPoints, random: np.random.Generator) -> Int[np.ndarray, " P"]:
+    """Choose for each centre one of the sources that are most like it."""
+    count = min(_CHOICES, len(sources.normal))
+    near = _nearest(_kind(sources), _kind(centres), count)[1]
     return near[np.arange(len(near)), random.integers(0, count, len(near))]
 
 
@@ -111,11 +111,11 @@ def _nearest(points: np.ndarray, to: np.ndarray, count: int) -> tuple[np.ndarray
     return np.reshape(distance, (len(to), count)), np.reshape(index, (len(to), count))
 
 
-def _kind(points: SkinPoints) -> np.ndarray:
+def _kind(points: RestPoints) -> np.ndarray:
     return np.concatenate([points.position_mm / _ALIKE_MM, points.normal], 1)
 
 
-def _carried(position_mm: np.ndarray, centres: SkinPoints, sources: SkinPoints) -> np.ndarray:
+def _carried(position_mm: np.ndarray, centres: RestPoints, sources: RestPoints) -> np.ndarray:
     """Move points from around a centre each to the same place around a source."""
     from_axes, to_axes = _axes(centres.normal), _axes(sources.normal)
     inside = np.einsum("tkc,tc->tk", from_axes, position_mm - centres.position_mm)

@@ -7,7 +7,7 @@ from livehand.backend.person.completion import CompletedRatio, with_unseen_detai
 from livehand.backend.person.numbers import ToneFit
 from livehand.backend.person.person_avatar import shipped_bases
 from livehand.backend.surface.atlas_texels import AtlasTexels
-from livehand.backend.surface.skin_patches import SkinPoints
+from livehand.backend.surface.skin_patches import RestPoints
 
 pytestmark = pytest.mark.slow
 BACK_TO = -0.03  # m along the hand at rest, where it begins to be unseen
@@ -18,7 +18,7 @@ def skin():
     base = shipped_bases(load_default_hand()).models[0.42]
     texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, 512)
     at_rest = texels.at_texels(base.at_detail(base.hand.v_template))
-    return texels, SkinPoints(1000 * at_rest, texels.at_texels(base.template.normals.numpy()))
+    return texels, RestPoints(1000 * at_rest, texels.at_texels(base.template.normals.numpy()))
 
 
 def completed(log_ratio, confidence):

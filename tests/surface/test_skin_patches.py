@@ -1,8 +1,8 @@
-"""Texture continued over the surface: what is known stays, what is copied has its variance, kind and direction."""
+"""Texture continued over the surface: what is seen stays, what is copied has its variance, kind and direction."""
 
 import numpy as np
 import pytest
-from livehand.backend.surface.skin_patches import SkinPoints, patched
+from livehand.backend.surface.skin_patches import RestPoints, patched
 
 STEP_MM = 1.0
 
@@ -12,7 +12,7 @@ def plane(length_mm=120, breadth_mm=60):
     x, y = np.meshgrid(np.arange(0, length_mm, STEP_MM), np.arange(0, breadth_mm, STEP_MM))
     back = np.stack([x.ravel(), y.ravel(), np.full(x.size, 10.0)], 1)
     points = np.concatenate([back, back * [1, 1, -1]])
-    return SkinPoints(points, np.sign(points[:, 2:]) * [[0.0, 0.0, 1.0]])
+    return RestPoints(points, np.sign(points[:, 2:]) * [[0.0, 0.0, 1.0]])
 
 
 @pytest.fixture(scope="module")
@@ -26,13 +26,13 @@ def waves(points, axis, wavelength_mm):
 
 def test_what_is_known_stays_and_what_is_not_has_its_variance(points):
     noise = np.random.default_rng(1).normal(size=(len(points.normal), 3))
-    is_known = points.position_mm[:, 0] < 70
-    whole = patched(points, noise, is_known)
-    np.testing.assert_allclose(whole[is_known], noise[is_known], rtol=1e-6)
-    # 6,000 independent texels, each copied about once: a deviation of 1 is known to 1 / sqrt(12,000) = .01; copies
-    # that fall on one texel and the few whole places make it .05.
-    assert whole[~is_known].std(0) == pytest.approx(1, abs=0.15)
-    assert np.abs(whole[~is_known].mean(0)).max() < 0.15
+    is_seen = points.position_mm[:, 0] < 70
+    whole = patched(points, noise, is_seen)
+    np.testing.assert_allclose(whole[is_seen], noise[is_seen], rtol=1e-6)
+    # 6,000 independent texels, each copied about once: a deviation of 1 is seen to 1 / sqrt(12,000) = .01; copies
+    # that fall on one texel and the few whole sources make it .05.
+    assert whole[~is_seen].std(0) == pytest.approx(1, abs=0.15)
+    assert np.abs(whole[~is_seen].mean(0)).max() < 0.15
 
 
 def test_patches_keep_the_direction(points):
@@ -45,8 +45,8 @@ def test_patches_keep_the_direction(points):
 def test_a_palm_is_copied_from_a_palm(points):
     is_palm = points.position_mm[:, 2] < 0
     values = np.where(is_palm[:, None], 1.0, -1.0)
-    is_known = points.position_mm[:, 0] < 70
-    whole = patched(points, values, is_known)[:, 0]
+    is_seen = points.position_mm[:, 0] < 70
+    whole = patched(points, values, is_seen)[:, 0]
     assert (np.sign(whole) == np.where(is_palm, 1, -1)).mean() > 0.95
 
 

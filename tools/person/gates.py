@@ -133,8 +133,8 @@ def contrast_gates(scenes: Sequence[SceneFigures]) -> list[Gate]:
     for side, allowed in (("seen", 0.10), ("unseen", 0.25)):
         of_side = [one for one in scenes if one.contrast[side]]
         for key in of_side[0].contrast[side] if of_side else ():
-            told = [(one.contrast[side][key], one.pixels[side]) for one in of_side if key in one.contrast[side]]
-            ratios, pixels = np.transpose(told)
+            found = [(one.contrast[side][key], one.pixels[side]) for one in of_side if key in one.contrast[side]]
+            ratios, pixels = np.transpose(found)
             value = float(np.average(ratios, weights=pixels))
             rows.append(Gate(f"6 contrast, {side} side, {key}", value, 1 - allowed, 1 + allowed))
     return rows
