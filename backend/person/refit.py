@@ -241,6 +241,7 @@ class HingeTurns(NamedTuple):
 
     @classmethod
     def of(cls, hand: HandModel) -> HingeTurns:
+        """Take a hand's axes; all but the free angles of `joint_limits` are stiff."""
         is_stiff = torch.ones(45, dtype=torch.bool)
         is_stiff[torch.as_tensor(FREE)] = False
         return cls(torch.as_tensor(anatomical_axes(hand), dtype=torch.float32), is_stiff)

@@ -68,12 +68,12 @@ def _blended(
     centres = wanted.at(_spaced(wanted.position_mm, random))
     sources = candidates.at(_like(centres, candidates, random))
     count = min(_OVERLAPPING, len(centres.normal))
-    distance, patch = _nearest(centres.position_mm, wanted.position_mm, count)
+    distance, patch = _nearest(KDTree(centres.position_mm), wanted.position_mm, count)
     share = (1 - distance / _RADIUS_MM).clip(0.02) ** 2
-    total = np.zeros((len(wanted.normal), values.shape[1]), np.float32)
+    tree, total = KDTree(seen.position_mm), np.zeros((len(wanted.normal), values.shape[1]), np.float32)
     for layer in range(count):
         at_mm = _carried(wanted.position_mm, centres.at(patch[:, layer]), sources.at(patch[:, layer]))
-        total += share[:, layer, None] * values[_nearest(seen.position_mm, at_mm, 1)[1][:, 0]]
+        total += share[:, layer, None] * values[_nearest(tree, at_mm, 1)[1][:, 0]]
     return total / np.sqrt((share**2).sum(1, keepdims=True))
 
 
@@ -101,13 +101,13 @@ def _whole_sources(points: RestPoints, is_seen: np.ndarray, random: np.random.Ge
 def _like(centres: RestPoints, sources: RestPoints, random: np.random.Generator) -> Int[np.ndarray, " P"]:
     """Choose for each centre one of the sources that are most like it."""
     count = min(_CHOICES, len(sources.normal))
-    near = _nearest(_kind(sources), _kind(centres), count)[1]
+    near = _nearest(KDTree(_kind(sources)), _kind(centres), count)[1]
     return near[np.arange(len(near)), random.integers(0, count, len(near))]
 
 
-def _nearest(points: np.ndarray, to: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(tree: KDTree, to: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Find the nearest points to others [T, D]: distances and indices [T, count], the nearest first."""
-    distance, index = KDTree(points).query(to, k=count)
+    distance, index = tree.query(to, k=count)
     return np.reshape(distance, (len(to), count)), np.reshape(index, (len(to), count))
 
 
