@@ -88,7 +88,8 @@ def with_unseen_detail(
     completed: CompletedRatio,
     base_log_albedo: np.ndarray,
     points: RestPoints,
-    is_usual: np.ndarray,
+    is_nail: np.ndarray,
+    is_mark: np.ndarray,
 ) -> CompletedRatio:
     """Give the skin that no picture shows the contrast of what is seen around it.
 
@@ -97,22 +98,25 @@ def with_unseen_detail(
         completed: what the pictures say.
         base_log_albedo: [T, 3] of the base, with its fine pigment.
         points: where the texels lie at rest.
-        is_usual: [T] neither nails nor marks of one hand alone, which nothing else is like.
+        is_nail: [T] which no skin is like.
+        is_mark: [T] of one hand alone; spots that are as large tell of contrast, but are not copied.
     """
     of_base = _fine(texels, base_log_albedo)
     of_person = _fine(texels, completed.log_ratio + base_log_albedo)
-    is_copied = is_usual & (completed.confidence > _COPIED)
+    is_sure = ~is_nail & (completed.confidence > _COPIED)
+    is_copied = is_sure & ~is_mark
     if not is_copied.any():
         return completed
-    trusted = is_copied.astype(np.float32)
+    trusted = is_sure.astype(np.float32)
     base_variance = _local_mean(texels, (of_base**2).mean(1), np.ones_like(trusted))
     own_variance = _local_mean(texels, (of_person**2).mean(1), trusted)
     more = own_variance - _local_mean(texels, (of_base**2).mean(1), trusted)
-    deviation = np.sqrt(own_variance.clip(_LEAST_VARIANCE))[:, None]
+    copied_variance = _local_mean(texels, (of_person**2).mean(1), is_copied.astype(np.float32))
+    deviation = np.sqrt(copied_variance.clip(_LEAST_VARIANCE))[:, None]
     texture = patched(points, (of_person / deviation).clip(-_MOST_DEVIATIONS, _MOST_DEVIATIONS), is_copied)
     kept = np.sqrt((1 + more / base_variance.clip(_LEAST_VARIANCE)).clip(_LEAST_FADED**2, 1))
     added = np.sqrt(more.clip(0))[:, None] * texture + (kept - 1)[:, None] * of_base
-    unseen = (1 - completed.confidence / _HALF_SEEN).clip(0)[:, None] * is_usual[:, None]
+    unseen = (1 - completed.confidence / _HALF_SEEN).clip(0)[:, None] * ~(is_nail | is_mark)[:, None]
     return replace(completed, log_ratio=(completed.log_ratio + unseen * added).astype(np.float32))
 
 

@@ -230,7 +230,7 @@ def _with_unseen_detail(made: MadePerson) -> MadePerson:
     template, at_rest = base.template, base.at_detail(base.hand.v_template)
     points = RestPoints(1000 * texels.at_texels(at_rest), texels.at_texels(template.normals.numpy()))
     base_log_albedo = texels.at_texels(family_at_base(base)) + _fine_log_albedo(base, texels)
-    completed = with_unseen_detail(texels, made.completed, base_log_albedo, points, ~_marks_and_nails(made))
+    completed = with_unseen_detail(texels, made.completed, base_log_albedo, points, *_nails_and_marks(made))
     return replace(made, completed=completed, model=made.model.with_ratio(_steps(texels, completed.log_ratio)))
 
 
@@ -243,14 +243,14 @@ def _fine_log_albedo(base: PersonModel, texels: AtlasTexels) -> np.ndarray:
     return log_albedo(surface.skin.maps_of("right"), uv, texels.resolution).numpy()
 
 
-def _marks_and_nails(made: MadePerson) -> np.ndarray:
-    """Find the texels [T] that show what no other skin does."""
+def _nails_and_marks(made: MadePerson) -> tuple[np.ndarray, np.ndarray]:
+    """Find the texels [T] of nails, and those of marks of one hand alone."""
     surface, texels = made.model.avatar.surface, made.texels
     assert surface is not None
     nail = whole_surface(surface).arrays["nail"]
     marks = marks_map(texels, made.completed.log_ratio, made.completed.confidence, nail)
     row, column = np.divmod(texels.pixel, texels.resolution)
-    return np.any([_looked_up(image > 0, row, column, texels.resolution) for image in (nail, marks)], 0)
+    return _looked_up(nail > 0, row, column, texels.resolution), _looked_up(marks > 0, row, column, texels.resolution)
 
 
 def _looked_up(image: np.ndarray, row: np.ndarray, column: np.ndarray, resolution: int) -> np.ndarray:
