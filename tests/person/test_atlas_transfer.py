@@ -10,7 +10,8 @@ from livehand.tests.mano_twin import write_twin
 
 pytestmark = pytest.mark.slow
 SIZE = 256
-WAVES = np.array([[150.0, 20, 60], [30, 170, -80], [60, 40, 140]])
+AMPLITUDE, WAVES = 0.4, np.array([[150.0, 20, 60], [30, 170, -80], [60, 40, 140]])
+SPOT_M, FARTHEST_SPOT_M = 0.0008, 0.003  # how far a spot lands from where it was: mean, and of 19 in 20
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,7 @@ def transfer(hand, twin):
 
 
 def colours(points):
-    return (0.5 + 0.4 * np.sin(points @ WAVES)).astype(np.float32)
+    return (0.5 + AMPLITUDE * np.sin(points @ WAVES)).astype(np.float32)
 
 
 def texels(model):
@@ -47,8 +48,10 @@ def test_colours_lie_on_the_same_skin(hand, twin, transfer, painted):
     truth = colours(ours.at_texels(twin.surface))
     shown = carrying.coverage.ravel()[ours.pixel]
     off = np.abs(ours.from_map(carrying.carried(painted)) - truth)[shown]
-    assert off.mean() < 0.035
-    assert np.quantile(off, 0.95) < 0.13
+    # A wave's slope is its amplitude times its number times a cosine, whose mean is 2 / pi, along the way it was moved.
+    slope = AMPLITUDE * np.linalg.norm(WAVES, axis=0).mean() * 2 / np.pi
+    assert off.mean() < slope * SPOT_M
+    assert np.quantile(off, 0.95) < slope * FARTHEST_SPOT_M
     assert np.abs(truth - truth.mean(0)).mean() > 0.2  # what no transfer would be off by
     is_hand = ours.at_texels((hand.arm_weights == 0)[:, None].astype(float))[:, 0] > 0.99
     assert shown[is_hand].mean() > 0.94
