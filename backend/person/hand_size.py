@@ -1,4 +1,8 @@
-"""The hand's length, which one camera cannot see: a large hand far away looks like a small one near by."""
+"""The hand's length, which one camera cannot see: a large hand far away looks like a small one near by.
+
+Its proportions, of palm and fingers, landmarks see badly: a tracker's hands all have much the same. Fits begin better
+with the mean hand's.
+"""
 
 from __future__ import annotations
 
@@ -30,13 +34,31 @@ def sized(hand: PicturedHand, model: HandModel, length_m: float) -> PicturedHand
         LiveHandError: no hand is so long, or the cameras are calibrated and know better.
     """
     check_length(length_m)
-    if hand.is_calibrated or any(picture.moment is not None for picture in hand.pictures):
+    if _is_measured(hand):
         raise LiveHandError("the hand's length must be left to calibrated cameras, which know it, got --length-mm")
     beta = hand.pictures[0].pose.beta
     now = length_and_breadth_m(model, beta)
     larger_by = length_m / now[0]
     shape = fit_beta(model, *(now * larger_by), near=beta)
     return replace(hand, pictures=tuple(_moved(picture, model, shape, larger_by) for picture in hand.pictures))
+
+
+def with_mean_proportions(hand: PicturedHand, model: HandModel) -> PicturedHand:
+    """Keep the hand's length and breadth alone; its other proportions are the mean hand's.
+
+    Args:
+        hand: with poses of one shape; that of calibrated cameras, or of a capture, is known better and stays.
+        model: of the poses.
+    """
+    if _is_measured(hand):
+        return hand
+    beta = hand.pictures[0].pose.beta
+    shape = fit_beta(model, *length_and_breadth_m(model, beta))
+    return replace(hand, pictures=tuple(_moved(picture, model, shape, 1.0) for picture in hand.pictures))
+
+
+def _is_measured(hand: PicturedHand) -> bool:
+    return hand.is_calibrated or any(picture.moment is not None for picture in hand.pictures)
 
 
 def check_length(length_m: float) -> None:

@@ -27,6 +27,7 @@ from ..surface.skin_patches import RestPoints
 from .agreement import GatheredRatio
 from .completion import CompletedRatio, completed_ratio, with_unseen_detail
 from .gathering import gathered_ratio
+from .hand_size import with_mean_proportions
 from .illumination import PICTURES_OF_SCENE, Illumination, LitPixels, evenly_chosen, fitted_light, pixels_of_scenes
 from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lamp_search import with_lamp
@@ -211,6 +212,8 @@ def person_of_pictures(
     """
     if hand.is_calibrated:
         options = replace(options, with_flow=False)
+    if options.fits_poses:
+        hand = with_mean_proportions(hand, bases.nearest(_FIRST_MELANIN).hand)
     early = replace(options, rounds=1, finds_lamps=False, **_EARLY)
     if not hand.is_calibrated:
         early = replace(early, light_pictures=_EARLY_LIGHT_PICTURES)

@@ -7,7 +7,8 @@ import pytest
 import torch
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.measurements import length_and_breadth_m
-from livehand.backend.person.hand_size import LengthPrior, check_length, sized
+from livehand.backend.motion.spaces import rest_wrists
+from livehand.backend.person.hand_size import LengthPrior, check_length, sized, with_mean_proportions
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.hand_picture import HandPicture, PicturedHand
@@ -42,6 +43,20 @@ def test_the_length_it_has_changes_nothing(hand, pictured):
     pose = sized(pictured, hand, length_and_breadth_m(hand, BETA)[0]).pictures[0].pose
     np.testing.assert_allclose(pose.beta, BETA, atol=1e-6)
     np.testing.assert_allclose(pose.transl, pictured.pictures[0].pose.transl, atol=1e-8)
+
+
+def test_mean_proportions_keep_length_breadth_and_the_wrists_place(hand, pictured):
+    before, after = pictured.pictures[0].pose, with_mean_proportions(pictured, hand).pictures[0].pose
+    sizes_m = [length_and_breadth_m(hand, beta) for beta in (BETA, after.beta)]
+    np.testing.assert_allclose(*sizes_m, atol=2e-4)
+    assert np.linalg.norm(after.beta) < 0.8 * np.linalg.norm(BETA)
+    wrists = [rest_wrists(hand, pose.beta) + pose.transl for pose in (before, after)]
+    np.testing.assert_allclose(*wrists, atol=1e-9)
+
+
+def test_proportions_that_cameras_measured_stay(hand, pictured):
+    calibrated = replace(pictured, is_calibrated=True)
+    assert with_mean_proportions(calibrated, hand) is calibrated
 
 
 def test_the_prior_is_nought_at_the_length_and_half_a_millimetre_away_an_eighth(hand):
