@@ -84,10 +84,13 @@ def _avatars_surface(path: Path, texture_px: int) -> Callable[[TakenHand], Expor
             raise LiveHandError(
                 f"the avatar '{avatar.name}' must be worn by its own hand model, got '{hand.model.name}'; choose that"
             )
-        made = textured_hand(avatar, hand.own_model, hand.motion.betas.mean(0), texture_px)
+        motion = hand.motion
+        made = textured_hand(avatar, hand.own_model, motion.betas.mean(0), texture_px)
         albedo, normal, roughness = made.textures
         skin = MeshTextures(linear_to_srgb(albedo), normal, roughness)
-        return ExportedMesh(made.vertices, made.faces, made.corner_uv, made.weights, made.correctives, skin)
+        values = made.morphs.values(motion.theta, motion.forearms)
+        morphs = made.morphs.displacements
+        return ExportedMesh(made.vertices, made.faces, made.corner_uv, made.weights, morphs, values, skin)
 
     return surface_of
 
