@@ -41,7 +41,7 @@ def take():
 @pytest.fixture(scope="module")
 def glb(take, registered, tmp_path_factory):
     path = tmp_path_factory.mktemp("glb") / "hand.glb"
-    GLTF.write(take, path, WriteOptions(avatar=shipped_avatar_path("light"), texture_px=64))
+    GLTF.write(take, path, WriteOptions(avatars={"right": shipped_avatar_path("light")}, texture_px=64))
     return path
 
 
@@ -94,5 +94,7 @@ def test_an_avatar_of_another_hand_is_refused(take, tmp_path):
     other = replace(take.hands[0].model, sha256="0" * 64)
     wrong = Take((replace(take.hands[0], model=other),), 24.0)
     with pytest.raises(LiveHandError, match="must be worn by its own hand model"):
-        GLTF.write(wrong, tmp_path / "a.glb", WriteOptions(avatar=shipped_avatar_path("light"), texture_px=64))
+        GLTF.write(
+            wrong, tmp_path / "a.glb", WriteOptions(avatars={"right": shipped_avatar_path("light")}, texture_px=64)
+        )
     assert not (tmp_path / "a.glb").exists()

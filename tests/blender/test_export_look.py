@@ -47,7 +47,7 @@ def test_a_textured_hand_in_cycles_looks_like_our_frame(registered, tmp_path, sk
     scene, hand = posed_scene(skin, gesture)
     ours = rendered(scene, tmp_path / "ours.png")
     take = sample_take(bpy.context, [hand], range(1, 2))
-    GLTF.write(take, tmp_path / "hand.glb", WriteOptions(avatar=shipped_avatar_path(skin), texture_px=2048))
+    GLTF.write(take, tmp_path / "hand.glb", WriteOptions(avatars={"right": shipped_avatar_path(skin)}, texture_px=2048))
     for thing in (hand.armature, *hand.armature.children_recursive):
         thing.hide_render = True
     before = set(scene.objects)

@@ -11,7 +11,8 @@ from ...system.child_job import JobProgress, Report
 from .color_fit import ITERATIONS, ColorFit
 from .flat_splats import HandSurface
 from .gaussians import Splats
-from .lit_views import HELD_OUT, LitHand, LitView, SplatOptions, views_around
+from .lit_hand import LitHand, SplatOptions
+from .lit_views import HELD_OUT, LitView, views_around
 from .splat_raster import rasterised
 
 _NEXT_ITERATIONS = ITERATIONS // 2  # from the colours of the frame before

@@ -9,6 +9,7 @@ from ...geometry.rotation import matrix_to_quaternion
 from ...records.errors import LiveHandError
 from ...records.shot import Shot
 from ..albedo import atlas_albedo
+from ..frame_task import HandRenderer
 from ..relightable import RelightablePipeline
 from ..renderer import Renderer
 from .gaussians import Splats
@@ -32,12 +33,12 @@ class HandSurface:
         LiveHandError: the avatar is not relightable.
     """
 
-    def __init__(self, renderer: Renderer, shot: Shot, count: int):
-        pipeline, side = renderer.pipeline, shot.pose.side
-        if not isinstance(pipeline, RelightablePipeline):
+    def __init__(self, renderer: HandRenderer, shot: Shot, count: int):
+        if not isinstance(renderer, Renderer) or not isinstance(pipeline := renderer.pipeline, RelightablePipeline):
             raise LiveHandError(
                 f"splats need a relightable avatar, '{renderer.avatar.name}' is lit by its capture; choose another"
             )
+        side = shot.pose.side
         model = renderer.hand.for_side(side)
         self._renderer, self._faces, corner_uv = renderer, model.f, model.vt[model.ft]
         if pipeline.surface is not None:

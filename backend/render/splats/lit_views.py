@@ -3,57 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ...avatars.origin import Origin
 from ...geometry.framing import fitting_camera
 from ...image.decode import straight_srgb
-from ...image.grade import Grade, graded
+from ...image.grade import graded
 from ...records.camera import Camera
-from ...records.errors import LiveHandError
-from ...records.shot import Shot
-from ..renderer import Renderer
+from .lit_hand import LitHand, SplatOptions
 
 HELD_OUT = 8
 _GOLDEN_RAD = np.pi * (1 + 5**0.5)
 _FILLED = 0.94
 _WHOLE_EACH = 3  # each third view shows the arm, too, the others the hand
-_COUNT, _VIEWS, _SIZE_PX = (1000, 500_000), (24, 400), (128, 2048)
-
-
-@dataclass(frozen=True)
-class SplatOptions:
-    """What a user may choose.
-
-    Attributes:
-        count: about how many splats a hand gets.
-        views: that they are fitted to.
-        size_px: width and height of a view.
-
-    Raises:
-        LiveHandError: one is out of its range.
-    """
-
-    count: int = 50_000
-    views: int = 48
-    size_px: int = 512
-
-    def __post_init__(self):
-        for name, (least, most) in (("count", _COUNT), ("views", _VIEWS), ("size_px", _SIZE_PX)):
-            if not least <= getattr(self, name) <= most:
-                raise LiveHandError(f"splats' {name} must lie in {least} to {most}, got {getattr(self, name)}")
-
-
-class LitHand(NamedTuple):
-    """A hand in a frame: its renderer, its shot, whose camera does not matter, its grade, and whose hand it is."""
-
-    renderer: Renderer
-    shot: Shot
-    grade: Grade
-    origin: Origin
 
 
 class LitView(NamedTuple):
