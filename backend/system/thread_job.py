@@ -1,4 +1,4 @@
-"""A job in a thread of this process, for work whose input is here, as `child_job` is for work that can be started anew."""
+"""A job in a thread of this process, for input that is here; `child_job` is for what can be started anew elsewhere."""
 
 from __future__ import annotations
 

@@ -27,6 +27,7 @@ from livehand.livehand_blender.rigs.blender_writers import BLENDER_WRITERS
 from scipy.spatial import KDTree
 
 GLTF = next(writer for writer in BLENDER_WRITERS if writer.name == "gltf")
+OF_LIGHT = WriteOptions(avatars={"right": shipped_avatar_path("light")}, texture_px=64)
 MOST_M = 0.0003
 
 
@@ -41,7 +42,7 @@ def take():
 @pytest.fixture(scope="module")
 def glb(take, registered, tmp_path_factory):
     path = tmp_path_factory.mktemp("glb") / "hand.glb"
-    GLTF.write(take, path, WriteOptions(avatars={"right": shipped_avatar_path("light")}, texture_px=64))
+    GLTF.write(take, path, OF_LIGHT)
     return path
 
 
