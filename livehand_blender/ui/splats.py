@@ -33,7 +33,7 @@ class LIVEHAND_OT_export_splats(OnHand, RunsJob, FrameRange, bpy.types.Operator,
     count: IntProperty(
         name="Splats", description="About how many splats a hand gets", default=50_000, min=1000, max=500_000
     )
-    views: IntProperty(name="Views", description="Pictures that they are fitted to", default=48, min=24, max=400)
+    views: IntProperty(name="Views", description="Pictures that they are fitted to", default=48, min=12, max=400)
     size_px: IntProperty(
         name="View Size",
         description="Width and height of such a picture",

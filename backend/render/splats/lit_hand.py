@@ -11,7 +11,7 @@ from ...records.errors import LiveHandError
 from ...records.shot import Shot
 from ..frame_task import HandRenderer
 
-_COUNT, _VIEWS, _SIZE_PX = (1000, 500_000), (24, 400), (128, 2048)
+_COUNT, _VIEWS, _SIZE_PX = (1000, 500_000), (12, 400), (128, 2048)
 
 
 @dataclass(frozen=True)
