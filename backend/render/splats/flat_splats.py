@@ -15,9 +15,9 @@ from ..renderer import Renderer
 from .gaussians import Splats
 from .surface_points import SurfacePoints, spread_points
 
-_WIDTH, _THICKNESS = 0.7, 0.07  # of the distance between neighbours
-_OPACITY = 0.95
-_INWARD = 0.4  # of the distance between neighbours: else outlines, where many overlap, would stand out
+_WIDTH, _THICKNESS = 0.8, 0.08  # of the distance between neighbours
+_OPACITY = 0.98
+_INWARD = 0.45  # of the distance between neighbours: else outlines, where many overlap, would stand out
 _ALBEDO_PX = 1024
 
 
