@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 from ..backend.capture.importers.interhand_command import COMMAND as IMPORT_INTERHAND
 from ..backend.capture.importers.transforms_command import COMMAND as IMPORT_TRANSFORMS
 from ..backend.capture.masks.mask_command import COMMAND as MASK
-from ..backend.commands import export
+from ..backend.commands import export, export_splats
 from ..backend.commands import render_motion as render_poses
 from ..backend.commands.export import COMMAND as EXPORT
 from ..backend.commands.extract_mesh.command import COMMAND as EXTRACT_MESH
@@ -89,7 +89,8 @@ def _inspect(args: argparse.Namespace) -> Mapping[str, Any]:
 def _export(args: argparse.Namespace) -> Mapping[str, Any]:
     """Export with Blender's importers and exporters where the source, the format or --rig needs them."""
     source, is_scene = args.source.suffix.lower(), args.source.suffix.lower() == ".blend"
-    needs = args.rig or is_scene or source in RIG_SUFFIXES or args.output.suffix.lower() in export.BLENDER_SUFFIXES
+    is_blenders = args.output.suffix.lower() in export.BLENDER_SUFFIXES and not export_splats.is_wanted(args)
+    needs = args.rig or is_scene or source in RIG_SUFFIXES or is_blenders
     return (
         _silent_in_blender(partial(_export_in_blender, is_scene, source in RIG_SUFFIXES))(args)
         if needs
@@ -102,9 +103,27 @@ def _export_in_blender(is_scene: bool, is_rig: bool, args: argparse.Namespace) -
 
     read = export_sources.take_of_blend if is_scene else export_sources.take_of_rig if is_rig else export.take_of_file
     with _registered():
-        if args.rig:
+        if args.rig and not export_splats.is_wanted(args):
             return export_sources.send_to_character(args, read(args))
+        if is_scene and export_splats.is_wanted(args):
+            return export_splats.run(args, _splat_frames)
         return export.run(args, read, ALL_WRITERS)
+
+
+def _splat_frames(args: argparse.Namespace) -> export_splats.Frames:
+    """Read the hands of a .blend's scene in its frames and its light."""
+    import bpy
+
+    from .render.splat_frames import lit_frames
+    from .rigs.character_file import open_blend
+
+    for value, option in ((args.fps, "--fps"), (args.hand, "--hand"), (args.avatar, "--avatar")):
+        if value:
+            raise LiveHandError(f"{option} is of a file of poses, got a .blend, which has its own; leave it out")
+    open_blend(args.source)
+    scene = bpy.context.scene
+    frames = args.frames or range(scene.frame_start, scene.frame_end + 1)
+    return lit_frames(bpy.context, frames, lambda hand: args.side in (None, hand.shot.pose.side))
 
 
 def _in_blender(run: Run) -> Run:

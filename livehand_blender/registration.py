@@ -30,6 +30,7 @@ from .ui import (
     posing,
     preferences,
     shape,
+    splats,
     studio,
     video,
 )
@@ -52,6 +53,7 @@ CLASSES = (
     *look.CLASSES,
     *picker.CLASSES,
     *motion.CLASSES,
+    *splats.CLASSES,
     *live.CLASSES,
     *video.CLASSES,
     *retarget.CLASSES,

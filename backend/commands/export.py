@@ -13,6 +13,7 @@ from ..batch.frame_selection import parse_frames
 from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
 from ..system.command import Command, parse_count, warn
+from . import export_splats
 
 if TYPE_CHECKING:
     from ..hand.model import HandModel
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from ..motion.writers.take import Take, TakenHand
     from ..motion.writers.writer import Writer
 
-FORMATS = ("livehand", "mano", "smplx", "openxr", "mediapipe", "csv", "bvh", "fbx", "gltf", "usd")
+FORMATS = ("livehand", "mano", "smplx", "openxr", "mediapipe", "csv", "bvh", "fbx", "gltf", "usd", export_splats.FORMAT)
 BLENDER_SUFFIXES = (".fbx", ".glb", ".usd", ".usda", ".usdc")
 """Of files that Blender's exporters write."""
 
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         metavar="FILE",
-        help="to be written; its suffix tells the format: .npz, .json, .csv, .bvh, .fbx, .glb, .usd",
+        help="to be written; its suffix tells the format: .npz, .json, .csv, .bvh, .fbx, .glb, .usd, .ply",
     )
     parser.add_argument("--format", choices=FORMATS, help="where a suffix has several formats (default: the first)")
     parser.add_argument("--side", choices=SIDES, help="write this hand only (default: all)")
@@ -51,9 +52,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--avatar",
         type=avatar_path,
         metavar="NAME|FILE",
-        help=f"fbx, gltf, usd: whose skin the mesh wears: {', '.join(SKINS)} or a file (default: a plain mesh)",
+        help=f"fbx, gltf, usd: whose skin the mesh wears: {', '.join(SKINS)} or a file (default: a plain mesh); splats "
+        "of a file of poses: of whom",
     )
     parser.add_argument("--texture-size", type=parse_count, default=2048, metavar="PX", help="of the skin's textures")
+    export_splats.add_arguments(parser)
     parser.add_argument(
         "--rig",
         metavar="CHARACTER.blend[:ARMATURE]",
@@ -80,6 +83,9 @@ def run(
     from ..motion.writers.registry import WRITERS, choose_writer
     from ..motion.writers.writer import WriteOptions
 
+    read = read or take_of_file
+    if export_splats.is_wanted(args):
+        return export_splats.run(args, lambda args: export_splats.frames_of_take(args, read(args)))
     writer = choose_writer(args.output, args.format, writers or WRITERS)
     if args.from_mean and writer.name != "mano":
         raise LiveHandError(f"--from-mean is of --format mano, got {writer.name}; leave it out")
@@ -87,9 +93,10 @@ def run(
         raise LiveHandError(f"--avatar is of fbx, gltf and usd, which hold a mesh, got {writer.name}; leave it out")
     if args.texture_size > _MOST_TEXTURE_PX:
         raise LiveHandError(f"--texture-size must be at most {_MOST_TEXTURE_PX} px, got {args.texture_size}")
-    take = (read or take_of_file)(args)
+    take = read(args)
     basis = find_basis(args.mano, args.hand) if args.from_mean else None
-    options = WriteOptions(args.from_mean, basis, args.avatar, args.texture_size)
+    avatars = dict.fromkeys(SIDES, args.avatar) if args.avatar else {}
+    options = WriteOptions(args.from_mean, basis, avatars, args.texture_size)
     losses = writer.write(take, args.output, options)
     for loss in losses:
         warn(f"livehand export: {args.output.name}: {loss}")

@@ -22,6 +22,7 @@ from .base_surface import SURFACE_FILE, base_arrays, has_base
 
 _CLENCHED_DEG = 80  # mean bend of the knuckles at which veins stand out most
 _KNUCKLES = [1, 4, 7, 10]
+_FLAT_VEINS, _CLENCHED_VEINS = 0.75, 0.5  # of their height: in a flat hand, and what a clenched one adds
 
 
 @dataclass(frozen=True)
@@ -65,15 +66,23 @@ class PoseDisplacement:
 
         Veins of `veins_mm` are a quarter lower in a flat hand and a quarter higher in a clenched one.
         """
+        clenched, *shares = self.shares(theta, forearm)
+        height = veins_mm * (_FLAT_VEINS + _CLENCHED_VEINS * clenched) * self.vein
+        form, vertex, form_mm = self._vertices_of_forms
+        of_forms = np.bincount(vertex, np.array(shares)[form] * form_mm, len(height))
+        return height + of_forms.astype(height.dtype)
+
+    def shares(self, theta: np.ndarray, forearm: np.ndarray | None = None) -> np.ndarray:
+        """Compute how much of each part a pose raises, [1 + forms] in [0, 1]: veins, then forms; as `height_mm`."""
         flexion_deg = np.rad2deg((theta * self.flexion).sum(1))
         if forearm is not None:
             flexion_deg[0] = -np.rad2deg(forearm[2])  # about the template's Z, which the arm's end turns to the palm
         clenched = np.clip(flexion_deg[_KNUCKLES].mean() / _CLENCHED_DEG, 0, 1)
-        height = veins_mm * (0.75 + 0.5 * clenched) * self.vein
-        shares = np.array([form.share(float(flexion_deg[form.joint])) for form in self.forms])
-        form, vertex, form_mm = self._vertices_of_forms
-        of_forms = np.bincount(vertex, shares[form] * form_mm, len(height))
-        return height + of_forms.astype(height.dtype)
+        return np.array([clenched, *(form.share(float(flexion_deg[form.joint])) for form in self.forms)])
+
+    def parts_mm(self, veins_mm: float) -> np.ndarray:
+        """Return the heights [1 + forms, N] of the parts, which `shares` of a pose add to those of a straight hand."""
+        return np.stack([_CLENCHED_VEINS * veins_mm * self.vein, *(form.height_mm for form in self.forms)])
 
     @cached_property
     def _vertices_of_forms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,12 +9,14 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
+from ...backend.avatars.origin import read_origin
 from ...backend.image.exposure import SHARP, ExposureSample, Lens, Shutter, camera_of_sample, exposure_samples
 from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
 from ...backend.records.light import Light
 from ...backend.render.frame_task import FrameTask, HandInstance, HandRenderer, HandTask
 from ...backend.render.session import Device, Session
+from ...backend.render.splats.lit_hand import LitHand
 from ..hands.shot import hand_vertices, read_shot
 from ..hands.visible_hands import InstanceId, VisibleHand, hands_at, visible_hands
 from ..light.light import read_hand_lights
@@ -186,6 +188,18 @@ def read_frame_task(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgra
     hands = VisibleHands.read(depsgraph)
     pairs = tuple(zip(hands.instances(depsgraph, session), hands.visible, strict=True))
     return _read_task(engine, depsgraph, pairs, _read_lights(depsgraph, pairs), is_stereo=False)
+
+
+def read_lit_hands(depsgraph: bpy.types.Depsgraph, session: Session, camera: Camera) -> tuple[LitHand, ...]:
+    """Read the hands of the depsgraph's frame, in its light; raises as `read_frame_setup`."""
+    hands = VisibleHands.read(depsgraph)
+    pairs = tuple(zip(hands.instances(depsgraph, session), hands.visible, strict=True))
+    tasks = _read_hands(depsgraph, pairs, _read_lights(depsgraph, pairs), camera)
+    origins = (read_origin(source.avatar_path) for source in hands.sources)
+    return tuple(
+        LitHand(task.renderer, task.shot, origin, hand.grade, hand.name)
+        for task, origin, (hand, _) in zip(tasks, origins, pairs, strict=True)
+    )
 
 
 def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[_Pair]) -> dict[str, Light]:

@@ -57,9 +57,8 @@ def _usd(path: str) -> None:
 
 def _writer(name: str, title: str, suffixes: tuple[str, ...], export: Callable[[str], None]) -> Writer:
     def write(take: Take, path: Path, options: WriteOptions) -> tuple[str, ...]:
-        surface_of = _avatars_surface(options.avatar, options.texture_px) if options.avatar else plain_surface
         with temporary_scene(bpy.context):
-            add_take(bpy.context, take, surface_of)
+            add_take(bpy.context, take, lambda hand: _surface_of(hand, options))
             with replacing(path) as temporary:
                 run_exporter(title, lambda: export(operator_path(temporary)))
         return (_SHAPE_MOVES,) if any(hand.motion.beta.ndim > 1 for hand in take.hands) else ()
@@ -67,29 +66,30 @@ def _writer(name: str, title: str, suffixes: tuple[str, ...], export: Callable[[
     return Writer(name, title, suffixes, write)
 
 
-def _avatars_surface(path: Path, texture_px: int) -> Callable[[TakenHand], ExportedMesh]:
-    """Return a function that makes an avatar's surface of a hand.
+def _surface_of(hand: TakenHand, options: WriteOptions) -> ExportedMesh:
+    """Return the mesh that a hand wears: its model's, or the surface of an avatar.
 
     Raises:
-        LiveHandError: the file cannot be read; the function: the avatar is not relightable, or of another hand model.
+        LiveHandError: the avatar cannot be read, is not relightable, or is of another hand model.
     """
+    path = options.avatars.get(hand.side)
+    if path is None:
+        return plain_surface(hand)
     from ...backend.avatars.file import load_avatar
     from ...backend.capture.picture import linear_to_srgb
     from ...backend.render.textures.textured_hand import textured_hand
 
-    avatar = load_avatar(path)
-
-    def surface_of(hand: TakenHand) -> ExportedMesh:
-        if hand.model.sha256 != avatar.hand_sha256:
-            raise LiveHandError(
-                f"the avatar '{avatar.name}' must be worn by its own hand model, got '{hand.model.name}'; choose that"
-            )
-        made = textured_hand(avatar, hand.own_model, hand.motion.betas.mean(0), texture_px)
-        albedo, normal, roughness = made.textures
-        skin = MeshTextures(linear_to_srgb(albedo), normal, roughness)
-        return ExportedMesh(made.vertices, made.faces, made.corner_uv, made.weights, made.correctives, skin)
-
-    return surface_of
+    avatar, motion = load_avatar(path), hand.motion
+    if hand.model.sha256 != avatar.hand_sha256:
+        raise LiveHandError(
+            f"the avatar '{avatar.name}' must be worn by its own hand model, got '{hand.model.name}'; choose that"
+        )
+    made = textured_hand(avatar, hand.own_model, motion.betas.mean(0), options.texture_px)
+    albedo, normal, roughness = made.textures
+    skin = MeshTextures(linear_to_srgb(albedo), normal, roughness)
+    values = made.morphs.values(motion.theta, motion.forearms)
+    morphs = made.morphs.displacements
+    return ExportedMesh(made.vertices, made.faces, made.corner_uv, made.weights, morphs, values, skin)
 
 
 def run_exporter(title: str, export: Callable[[], object]) -> None:

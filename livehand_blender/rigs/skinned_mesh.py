@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ...backend.geometry.rotation import axis_angle_to_matrix
-from ...backend.hand.corrective_keys import Corrective
 from ...backend.motion.spaces import TO_BLENDER
 from ...backend.motion.writers.skeleton import bone_names
 from ...backend.motion.writers.take import TakenHand
@@ -16,7 +14,7 @@ from ..rig.keyframes import key_values
 
 _UP = TO_BLENDER["y_up"]
 _LEAST_WEIGHT = 1e-4
-_MOST_VALUE = 3.0  # of a corrective: the square root of 8 and a little
+_MOST_VALUE = 3.0  # of a morph target: the square root of 8 and a little
 _INDEX = 1.4  # of refraction, of skin
 
 
@@ -38,7 +36,8 @@ class ExportedMesh:
         faces: [M, 3].
         corner_uv: [M, 3, 2].
         weights: [N, 17] of the 16 joints and of the forearm.
-        correctives: shape keys [N, 3] m.
+        morphs: displacements [K, N, 3] m of shape keys.
+        values: [T, K] of the keys in the frames of the hand's motion.
         skin: its textures; None: a plain mesh.
     """
 
@@ -46,7 +45,8 @@ class ExportedMesh:
     faces: np.ndarray
     corner_uv: np.ndarray
     weights: np.ndarray
-    correctives: tuple[Corrective, ...] = ()
+    morphs: np.ndarray | None = None
+    values: np.ndarray | None = None
     skin: MeshTextures | None = None
 
 
@@ -72,8 +72,8 @@ def add_mesh(
     context.collection.objects.link(mesh)
     for column, bone in enumerate(bone_names(hand.side)):
         _add_group(mesh, bone, surface.weights[:, column])
-    if surface.correctives:
-        _add_correctives(mesh, hand, surface)
+    if surface.morphs is not None and surface.values is not None:
+        _add_morphs(mesh, hand, surface.vertices + surface.morphs, surface.values)
     if surface.skin:
         data.materials.append(_material(name, surface.skin))
     mesh.parent = armature
@@ -89,18 +89,15 @@ def _add_group(mesh: bpy.types.Object, bone: str, weights: np.ndarray) -> None:
             group.add([vertex], weight, "REPLACE")
 
 
-def _add_correctives(mesh: bpy.types.Object, hand: TakenHand, surface: ExportedMesh) -> None:
-    """Add a shape key for each corrective, keyed as the joints' rotations drive it in every frame."""
-    turns = axis_angle_to_matrix(hand.motion.theta) - np.eye(3)
+def _add_morphs(mesh: bpy.types.Object, hand: TakenHand, moved: np.ndarray, values: np.ndarray) -> None:
+    """Add a shape key for each of `moved` [K, N, 3], keyed with `values` [T, K] in the frames of the hand."""
     frames = hand.frames.astype(np.float64)
     mesh.shape_key_add(name="Basis")
-    for number, corrective in enumerate(surface.correctives):
+    for number, (vertices, of_key) in enumerate(zip(moved, values.T, strict=True)):
         key = mesh.shape_key_add(name=f"Corrective {number + 1}")
         key.slider_min, key.slider_max = -_MOST_VALUE, _MOST_VALUE
-        moved = hand.scale * (surface.vertices + corrective.displacement) @ _UP.T
-        key.data.foreach_set("co", moved.astype(np.float32).ravel())
-        values = (turns[:, corrective.joint] * corrective.form).sum((1, 2))
-        key_values(mesh.data.shape_keys, f'key_blocks["{key.name}"].value', "Correctives", frames, values)
+        key.data.foreach_set("co", (hand.scale * vertices @ _UP.T).astype(np.float32).ravel())
+        key_values(mesh.data.shape_keys, f'key_blocks["{key.name}"].value', "Correctives", frames, of_key)
 
 
 def _material(name: str, skin: MeshTextures) -> bpy.types.Material:

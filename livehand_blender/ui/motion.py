@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ...backend.motion.files.import_options import ImportOptions, motion_and_warning, with_options
@@ -25,10 +25,11 @@ from ...backend.rigs.rig_suffixes import RIG_SUFFIXES
 from ..motion.filmed import key_take
 from ..motion.keying import Placement, key_motion, sample_motion
 from ..motion.taking import sample_take
+from ..render.hand_source import hand_source
 from ..rig.hand import RiggedHand, find_hands
 from ..rig.sliders import read_beta
 from ..rigs.bake import bake_file
-from ..rigs.blender_writers import ALL_WRITERS
+from ..rigs.blender_writers import ALL_WRITERS, BLENDER_WRITERS
 from ..rigs.importing import RigFile
 from ..scene.camera import read_camera
 from . import motion_files
@@ -44,6 +45,8 @@ _HANDS = (
 _FORMATS = tuple(
     (writer.name, writer.title, f"Files that end in {', '.join(writer.suffixes)}") for writer in ALL_WRITERS
 )
+
+_WITH_MESH = tuple(writer.name for writer in BLENDER_WRITERS)
 
 
 class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, ImportHelper):
@@ -208,6 +211,15 @@ class LIVEHAND_OT_export_take(OnHand, FrameRange, bpy.types.Operator, ExportHelp
     hands: EnumProperty(name="Hands", description="Which hands are written", items=_HANDS)
     from_mean: BoolProperty(name="From Mean", description="Finger angles count from MANO's mean pose", default=False)
     mano_path: StringProperty(name="MANO File", description="Your MANO_RIGHT.pkl or MANO_LEFT.pkl", subtype="FILE_PATH")
+    has_skin: BoolProperty(name="Skin", description="The mesh wears the hand's avatar, with textures", default=True)
+    texture_px: IntProperty(
+        name="Texture Size",
+        description="Width and height of the textures",
+        default=2048,
+        min=16,
+        max=8192,
+        subtype="PIXEL",
+    )
     filter_glob: StringProperty(default="*.npz;*.json;*.csv;*.bvh;*.fbx;*.glb;*.usd*", options={"HIDDEN"})
 
     @property
@@ -227,6 +239,11 @@ class LIVEHAND_OT_export_take(OnHand, FrameRange, bpy.types.Operator, ExportHelp
             column = layout.column()
             column.active = self.from_mean
             column.prop(self, "mano_path")
+        if self.format in _WITH_MESH:
+            layout.prop(self, "has_skin")
+            column = layout.column()
+            column.active = self.has_skin
+            column.prop(self, "texture_px")
         FrameRange.draw(self, context)
 
     @reports_errors
@@ -239,7 +256,10 @@ class LIVEHAND_OT_export_take(OnHand, FrameRange, bpy.types.Operator, ExportHelp
         mano_path = Path(bpy.path.abspath(self.mano_path)) if self.mano_path else None
         basis = find_basis(mano_path, active.model_path) if self.from_mean else None
         take = sample_take(context, hands, self.frames(context.scene))
-        losses = writer.write(take, path, WriteOptions(self.from_mean and writer.name == "mano", basis))
+        has_skin = self.has_skin and writer.name in _WITH_MESH
+        avatars = {hand.side: hand_source(hand.armature).avatar_path for hand in hands} if has_skin else {}
+        options = WriteOptions(self.from_mean and writer.name == "mano", basis, avatars, self.texture_px)
+        losses = writer.write(take, path, options)
         if losses:
             self.report({"WARNING"}, f"{writer.title}: {'; '.join(losses)}")
         self.report({"INFO"}, f"Wrote {take.count} frames as {writer.title}")

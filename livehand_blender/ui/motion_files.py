@@ -65,3 +65,4 @@ def _draw_import(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 def _draw_export(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
     menu.layout.operator("livehand.export_take", text="LiveHand Motion (.npz, .bvh, .fbx, ...)")
+    menu.layout.operator("livehand.export_splats", text="LiveHand Splats (.ply, .glb)")

@@ -26,7 +26,7 @@ def keyed(model, count=4):
 
 
 def test_the_names_are_those_of_the_writers():
-    assert FORMATS == tuple(writer.name for writer in ALL_WRITERS)
+    assert FORMATS == (*(writer.name for writer in ALL_WRITERS), "splats")
     assert set(BLENDER_SUFFIXES) == {suffix for writer in BLENDER_WRITERS for suffix in writer.suffixes}
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from ...records.side import Side
 from ..mano_basis import ManoBasis
 from .take import Take
 
@@ -17,13 +18,13 @@ class WriteOptions:
     Attributes:
         counts_from_mean: MANO only: finger angles count from MANO's mean pose; False: they are absolute.
         basis: MANO's mean pose, where angles count from it.
-        avatar: FBX, glTF and USD only: whose skin the mesh wears; None: a plain one.
+        avatars: FBX, glTF and USD only: whose skin the mesh of each side wears; a side that is not there: a plain one.
         texture_px: of the skin's textures.
     """
 
     counts_from_mean: bool = False
     basis: ManoBasis | None = None
-    avatar: Path | None = None
+    avatars: Mapping[Side, Path] = field(default_factory=dict)
     texture_px: int = 2048
 
 

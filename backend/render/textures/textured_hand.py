@@ -8,11 +8,42 @@ import numpy as np
 import torch
 
 from ...avatars.avatar import Avatar
+from ...geometry.rotation import axis_angle_to_matrix
 from ...hand.corrective_keys import Corrective, factor_correctives
-from ...hand.model import HandModel
+from ...hand.model import MIRROR_AXIS_ANGLE, HandModel
+from ...records.side import Side
 from ...surface.detail_mesh import DetailTemplate
+from ...surface.detail_surface import PoseDisplacement
 from ..avatar_surface import avatar_surface_of
 from .atlas_textures import AtlasTextures, atlas_textures
+
+
+@dataclass(frozen=True)
+class MorphTargets:
+    """What poses add to a mesh of N vertices at rest: K targets, first the correctives, then what rises on the surface.
+
+    Attributes:
+        displacements: [K, N, 3] m at value 1.
+        correctives: of the hand model.
+        raised: by the surface; None: it has none.
+        side: of the hand.
+    """
+
+    displacements: np.ndarray
+    correctives: tuple[Corrective, ...]
+    raised: PoseDisplacement | None
+    side: Side
+
+    def values(self, theta: np.ndarray, forearm: np.ndarray) -> np.ndarray:
+        """Compute the targets' values [T, K] in poses theta [T, 16, 3] and forearm [T, 3], rad."""
+        turns = axis_angle_to_matrix(theta) - np.eye(3)
+        linear = [(turns[:, one.joint] * one.form).sum((1, 2)) for one in self.correctives]
+        of_model = np.stack(linear, 1) if linear else np.zeros((len(theta), 0))
+        if self.raised is None:
+            return of_model
+        mirror = 1 if self.side == "right" else MIRROR_AXIS_ANGLE
+        shares = [self.raised.shares(*pose) for pose in zip(theta * mirror, forearm * mirror, strict=True)]
+        return np.concatenate([of_model, np.stack(shares)], 1)
 
 
 @dataclass(frozen=True)
@@ -24,7 +55,7 @@ class TexturedHand:
         faces: [M, 3].
         corner_uv: [M, 3, 2].
         weights: [N, 17] of the 16 joints and of the forearm.
-        correctives: shape keys [N, 3] m by the rotations of joints.
+        morphs: what poses add.
         textures: over the atlas.
     """
 
@@ -32,7 +63,7 @@ class TexturedHand:
     faces: np.ndarray
     corner_uv: np.ndarray
     weights: np.ndarray
-    correctives: tuple[Corrective, ...]
+    morphs: MorphTargets
     textures: AtlasTextures
 
 
@@ -49,12 +80,16 @@ def textured_hand(avatar: Avatar, hand: HandModel, beta: np.ndarray, resolution:
     Raises:
         LiveHandError: the avatar is not relightable.
     """
+    correctives = tuple(factor_correctives(hand.posedirs))
+    of_model = np.zeros((0, *hand.v_template.shape))
+    if correctives:
+        of_model = np.stack([one.displacement for one in correctives])
     plain = TexturedHand(
         hand.v_template + hand.shapedirs @ beta,
         hand.f,
         hand.vt[hand.ft],
         skin_weights(hand),
-        tuple(factor_correctives(hand.posedirs)),
+        MorphTargets(of_model, correctives, None, hand.side),
         atlas_textures(avatar, hand, resolution),
     )
     surface = avatar_surface_of(avatar, torch.device("cpu"))
@@ -70,13 +105,17 @@ def textured_hand(avatar: Avatar, hand: HandModel, beta: np.ndarray, resolution:
         return found.numpy().astype(np.float64)
 
     on_surface = template.offset_m + torch.as_tensor(height_m, dtype=torch.float32)[:, None] * template.normals
+    raised = surface.surface.raised
+    rising = 1e-3 * raised.parts_mm(surface.veins_mm)[..., None] * template.normals.numpy()
     return replace(
         plain,
         vertices=finer(plain.vertices) + on_surface.numpy(),
         faces=template.faces.numpy(),
         corner_uv=template.corner_uv.numpy(),
         weights=finer(plain.weights),
-        correctives=tuple(key._replace(displacement=finer(key.displacement)) for key in plain.correctives),
+        morphs=MorphTargets(
+            np.concatenate([*(finer(one)[None] for one in of_model), rising]), correctives, raised, hand.side
+        ),
     )
 
 
