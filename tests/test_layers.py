@@ -33,7 +33,7 @@ ROWS = (
     ("backend.records",),
     ("backend.system", "backend.geometry", "livehand_blender.scene"),
     ("backend.hand", "backend.light", "backend.batch", "livehand_blender.compositing"),
-    ("backend.field", "backend.capture", "livehand_blender.rig"),
+    ("backend.field", "backend.capture", "backend.contact", "livehand_blender.rig"),
     ("backend.image", "backend.motion", "livehand_blender.hands"),
     ("backend.surface", "backend.rigs", "backend.tracking", "livehand_blender.light"),
     ("backend.compute", "backend.avatars", "backend.teacher", "livehand_blender.motion"),
