@@ -1,6 +1,7 @@
 """Bends the digits from a pose towards a fist until they touch: proximal joints stop first, the others go on.
 
 Steps are no longer than the way that is free (conservative advancement), so that no digit jumps through a thin thing.
+The thumb follows the fingers, and stops at them too.
 """
 
 from __future__ import annotations
@@ -11,84 +12,110 @@ import numpy as np
 
 from ..hand.gestures import GESTURES
 from .contact_hand import ContactHand
+from .own_contacts import OwnContactSearch
 from .placed_solids import Solids
 from .point_distances import PointDistances
 
 _TOUCH_M = 0.0003
 _LEAST_STEP = 0.004  # of the way to the fist
-_MOST_STEPS = 60
-_OPENINGS = np.linspace(0, 1, 9)[1:]
-_SLIGHT_M = 0.004  # depth of a digit that is pushed out rather than opened
+_MOST_STEPS = 40
+_OPENINGS = np.linspace(0, 1, 9)
+_SLIGHT_M = 0.0015  # depth of a digit that is pushed out rather than opened
+_NEAR_M = 0.006  # other digits that are farther away are not looked at
+_FINGERS, _THUMB = np.arange(5) < 4, np.arange(5) == 4
 
 
 @dataclass(frozen=True)
 class Closing:
-    """Angles [15, 3] rad in which the digits touch or are closed, and [5] which digits touch."""
+    """Angles [15, 3] rad in which the digits touch or are closed, and [5] which digits touch a thing."""
 
     angles: np.ndarray
     touches: np.ndarray
 
 
-def closed(hand: ContactHand, given: np.ndarray, solids: Solids, moves: np.ndarray) -> Closing:
-    """Close the digits [5] that may move on solids, from angles [15, 3] rad; the solids are in the wrist's frame."""
-    depth_m = -_least_m(hand, given[None], solids)[0]
-    start = _opened(hand, given, solids, moves & (depth_m > _SLIGHT_M))
-    is_near = (depth_m > -_TOUCH_M) & (depth_m <= _SLIGHT_M)
-    angles, touches, active = start, is_near.copy(), moves & ~is_near
-    distances, goal = PointDistances(hand, solids), _fist(start)
-    lead, share = np.zeros(5, int), np.zeros(5)  # the first joint of each digit that still bends; of the way to a fist
-    for _ in range(_MOST_STEPS):
-        if not active.any():
-            break
-        distances.move(hand.posed(angles[None])[0])
-        free_m, phalanx = _free_ways(hand, distances, lead, active)
-        hits = active & (free_m <= _TOUCH_M)
-        touches |= hits
-        lead = np.where(hits, phalanx + 1, lead)
-        active &= lead <= 2
-        step = np.maximum(free_m / np.maximum(_rates(hand, start, goal, lead), 1e-6), _LEAST_STEP)
-        step = np.where(active & ~hits, np.minimum(step, 1 - share), 0)
-        share += step
-        angles = _advanced(angles, start, goal, lead, step)
-        active &= (share < 1 - 1e-9) | hits
-    return Closing(angles, touches)
+class Closer:
+    """Closes one hand on solids in its wrist's frame."""
 
+    def __init__(self, hand: ContactHand, solids: Solids, own: OwnContactSearch):
+        """Take what is asked in every step."""
+        self._hand, self._own = hand, own
+        self._distances = PointDistances(hand, solids)
+        self._points = [np.flatnonzero(hand.digit == digit) for digit in range(5)]
 
-def _free_ways(
-    hand: ContactHand, distances: PointDistances, lead: np.ndarray, active: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Measure how far the phalanges from the leading joints on are from a thing [5], and the nearest's number."""
-    free_m, phalanx = np.full(5, np.inf), np.zeros(5, int)
-    for digit in np.flatnonzero(active):
-        own = np.flatnonzero((hand.digit == digit) & (hand.joint > 3 * digit + lead[digit]))
-        nearest = distances.nearest(own)
-        free_m[digit], phalanx[digit] = distances.signed_m[nearest], (hand.joint[nearest] - 1) % 3
-    return free_m, phalanx
+    def closed(self, given: np.ndarray, moves: np.ndarray) -> Closing:
+        """Close the digits [5] that may move, from angles [15, 3] rad."""
+        fingers = self._closed(Closing(given, np.zeros(5, bool)), moves & _FINGERS, ~moves)
+        return self._closed(fingers, moves & _THUMB, ~_THUMB)
 
+    def _closed(self, before: Closing, active: np.ndarray, obstacles: np.ndarray) -> Closing:
+        """Close active digits [5] at once, on solids and on digits [5] that are obstacles."""
+        start = self._opened(before.angles, active, obstacles)
+        angles, touches, goal = start, before.touches.copy(), _fist(start)
+        lead, share = np.zeros(5, int), np.zeros(5)  # the first joint that still bends; of the way to the fist
+        for _ in range(_MOST_STEPS):
+            if not active.any():
+                break
+            self._distances.move(vertices := self._hand.posed(angles[None])[0])
+            free_m, phalanx = self._free_ways(lead, active)
+            hits = active & (free_m <= _TOUCH_M)
+            touches |= hits
+            own_m, own_phalanx = self._own_ways(vertices, lead, active, obstacles)
+            is_own = active & (own_m < free_m)
+            free_m, phalanx = np.where(is_own, own_m, free_m), np.where(is_own, own_phalanx, phalanx)
+            hits = active & (free_m <= _TOUCH_M)
+            lead = np.where(hits, np.maximum(phalanx, lead) + 1, lead)
+            active = active & (lead <= 2)
+            step = np.maximum(free_m / np.maximum(_rates(self._hand, start, goal, lead), 1e-6), _LEAST_STEP)
+            step = np.where(active & ~hits, np.minimum(step, 1 - share), 0)
+            share += step
+            angles = _advanced(angles, start, goal, lead, step)
+            active &= (share < 1 - 1e-9) | hits
+        return Closing(angles, touches)
 
-def _least_m(hand: ContactHand, angles: np.ndarray, solids: Solids) -> np.ndarray:
-    """Measure the least distance [B, 5] of each digit's vertices in angles [B, 15, 3]."""
-    vertices = hand.posed(angles)
-    signed = solids.distances(vertices.reshape(-1, 3)).signed_m.reshape(vertices.shape[:2])
-    digit = hand.digit[: signed.shape[1]]
-    return np.stack([signed[:, digit == one].min(1) for one in range(5)], 1)
+    def _opened(self, given: np.ndarray, active: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
+        """Open digits that are deep in a thing or an obstacle, by the smallest of some shares of the way to spread."""
+        spread, start = given.copy(), given.copy()
+        spread[:, 0] = np.minimum(given[:, 0], np.deg2rad(GESTURES["spread"].angles_deg()[:, 0]))
+        sought, least_m = active.copy(), np.full(5, -np.inf)
+        for share in _OPENINGS:
+            way = given + share * (spread - given)
+            self._distances.move(vertices := self._hand.posed(way[None])[0])
+            no_lead = np.zeros(5, int)
+            free_m = self._free_ways(no_lead, sought)[0]
+            free_m = np.minimum(free_m, self._own_ways(vertices, no_lead, sought, obstacles)[0])
+            is_better = np.repeat(sought & (free_m > least_m), 3)
+            start[is_better] = way[is_better]
+            least_m = np.where(sought, np.maximum(least_m, free_m), least_m)
+            sought &= free_m < (-_SLIGHT_M if share == 0 else 0)
+            if not sought.any():
+                break
+        return start
 
+    def _free_ways(self, lead: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Measure how far the phalanges from the leading joints on are from a thing [5], and the nearest's number."""
+        free_m, phalanx = np.full(5, np.inf), np.zeros(5, int)
+        for digit in np.flatnonzero(active):
+            own = self._points[digit]
+            nearest = self._distances.nearest(own[self._hand.joint[own] > 3 * digit + lead[digit]])
+            free_m[digit], phalanx[digit] = self._distances.signed_m[nearest], (self._hand.joint[nearest] - 1) % 3
+        return free_m, phalanx
 
-def _opened(hand: ContactHand, given: np.ndarray, solids: Solids, deep: np.ndarray) -> np.ndarray:
-    """Open digits [5] that are deep in a thing, by the smallest of some shares of the way to the spread hand."""
-    if not deep.any():
-        return given
-    spread = given.copy()
-    spread[:, 0] = np.minimum(given[:, 0], np.deg2rad(GESTURES["spread"].angles_deg()[:, 0]))
-    ways = given + _OPENINGS[:, None, None] * (spread - given)
-    least = _least_m(hand, ways, solids)
-    start = given.copy()
-    for digit in np.flatnonzero(deep):
-        free = np.flatnonzero(least[:, digit] > 0)
-        best = free[0] if len(free) else least[:, digit].argmax()
-        joints = slice(3 * digit, 3 * digit + 3)
-        start[joints] = ways[best, joints]
-    return start
+    def _own_ways(
+        self, vertices: np.ndarray, lead: np.ndarray, active: np.ndarray, obstacles: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Measure, as `_free_ways`, how far they are from digits that are obstacles, at most `_NEAR_M`."""
+        free_m, phalanx = np.full(5, _NEAR_M if obstacles.any() else np.inf), np.zeros(5, int)
+        if not (active.any() and obstacles.any()):
+            return free_m, phalanx
+        found = self._own.contacts(vertices, _NEAR_M, active, obstacles)
+        for digit in np.flatnonzero(active):
+            mine = np.where(self._hand.digit[found.points] == digit, found.points, found.others)
+            joint = self._hand.joint[mine]
+            which = np.flatnonzero((self._hand.digit[mine] == digit) & (joint > 3 * digit + lead[digit]))
+            if len(which):
+                nearest = which[found.gap_m[which].argmin()]
+                free_m[digit], phalanx[digit] = found.gap_m[nearest], (joint[nearest] - 1) % 3
+        return free_m, phalanx
 
 
 def _fist(start: np.ndarray) -> np.ndarray:

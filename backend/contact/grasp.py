@@ -18,7 +18,7 @@ from ..hand.joint_limits import FREE
 from ..hand.model import MANO_FINGERS, HandModel
 from ..records.errors import LiveHandError
 from ..records.shot import HandPose
-from .closing import closed
+from .closing import Closer
 from .contact_hand import PALM, ContactHand
 from .own_contacts import OwnContactSearch
 from .placed_solids import PlacedSolid, Solids
@@ -123,7 +123,7 @@ class Grasper:
     def _closed(self, given: np.ndarray, solids: Solids, options: GraspOptions) -> np.ndarray:
         hand = self._hand
         moves = np.array([finger in options.fingers for finger in MANO_FINGERS])
-        closing = closed(hand, given, solids, moves)
+        closing = Closer(hand, solids, self._own).closed(given, moves)
         settler = Settler(hand, solids, self._own)
         touches = closing.touches & moves
         angles = np.where(np.repeat(touches | ~moves, 3)[:, None], closing.angles, given)

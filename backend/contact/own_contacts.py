@@ -43,14 +43,40 @@ class OwnContactSearch:
         can = np.stack([_can_meet(hand, digit) for digit in range(6)], 1)
         self._meets = [np.flatnonzero(can[:, digit]) for digit in range(6)]
 
-    def contacts(self, vertices: np.ndarray, margin_m: float) -> OwnContacts:
-        """Find the points of posed vertices [N, 3] m that are lower over another digit than a margin."""
+    def contacts(
+        self,
+        vertices: np.ndarray,
+        margin_m: float,
+        movers: np.ndarray | None = None,
+        obstacles: np.ndarray | None = None,
+    ) -> OwnContacts:
+        """Find the points that are lower over another digit than a margin.
+
+        Args:
+            vertices: [N, 3] m, posed.
+            margin_m: negative: only what is deeper than this.
+            movers: [5] digits of which each contact has one; None: all.
+            obstacles: [5] digits of which its other side is one.
+        """
         points, normals = self._hand.points(vertices), self._hand.normals(vertices)
-        found = [self._with(digit, points, normals, margin_m) for digit in range(6)]
+        found = []
+        for digit in range(6):
+            meets = self._meets[digit]
+            if movers is not None and obstacles is not None:
+                meets = meets[self._pairs(digit, movers, obstacles)[self._hand.digit[meets]]]
+            found.append(self._with(digit, meets, points, normals, margin_m))
         return OwnContacts(*(np.concatenate(rows) for rows in zip(*found, strict=True)))
 
-    def _with(self, digit: int, points: np.ndarray, normals: np.ndarray, margin_m: float) -> OwnContacts:
-        own, meets = self._digits[digit], self._meets[digit]
+    @staticmethod
+    def _pairs(digit: int, movers: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
+        """Return [6] which digits make a pair of a mover and an obstacle with one; the palm is an obstacle."""
+        moves, stands = np.append(movers, False), np.append(obstacles, True)
+        return (moves & stands[digit]) | (stands & moves[digit])
+
+    def _with(
+        self, digit: int, meets: np.ndarray, points: np.ndarray, normals: np.ndarray, margin_m: float
+    ) -> OwnContacts:
+        own = self._digits[digit]
         low, high = points[own].min(0) - margin_m, points[own].max(0) + margin_m
         near = meets[((points[meets] > low) & (points[meets] < high)).all(1)]
         if not len(near):
@@ -66,19 +92,23 @@ class OwnContactSearch:
 
 
 def _can_meet(hand: ContactHand, digit: int) -> np.ndarray:
-    """Return [P] which points can meet a digit: none of its own, nor of the folds beside it."""
+    """Return [P] which points can meet a digit: none of its own, nor of the folds between the two.
+
+    The palm is met by what lies beyond a digit's first phalanx, whose flesh folds with its own.
+    """
+    is_beyond = (hand.digit != PALM) & ((hand.joint - 1) % 3 > 0)
+    if digit == PALM:
+        return is_beyond
     distance, _ = KDTree(hand.rest[hand.digit == digit]).query(hand.rest)
-    is_fold = distance < _FOLD_M
-    if digit != PALM:
-        is_fold &= ~_is_free(hand)
-    return (hand.digit != digit) & ~is_fold & ((hand.digit != PALM) | (digit == 4))
+    is_other = (hand.digit != digit) & (hand.digit != PALM)
+    return is_other & ((distance >= _FOLD_M) | is_beyond | _is_beyond_web(hand))
 
 
-def _is_free(hand: ContactHand) -> np.ndarray:
-    """Return [P] which points lie beyond the webs between the digits."""
-    is_free = np.zeros(len(hand.rest), bool)
+def _is_beyond_web(hand: ContactHand) -> np.ndarray:
+    """Return [P] which points of first phalanges lie beyond the webs between the digits."""
+    is_beyond = np.zeros(len(hand.rest), bool)
     for first in range(1, 16, 3):
         start, end = hand.rest_joints[first], hand.rest_joints[first + 1]
         along = (hand.rest - start) @ (end - start) / ((end - start) @ (end - start))
-        is_free |= ((hand.joint == first) & (along > _WEB_SHARE)) | np.isin(hand.joint, (first + 1, first + 2))
-    return is_free
+        is_beyond |= (hand.joint == first) & (along > _WEB_SHARE)
+    return is_beyond
