@@ -6,6 +6,7 @@ The thumb follows the fingers, and stops at them too.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,13 +14,13 @@ import numpy as np
 from ..hand.gestures import GESTURES
 from .contact_hand import ContactHand
 from .own_contacts import OwnContactSearch
-from .placed_solids import Solids
 from .point_distances import PointDistances
 
 _TOUCH_M = 0.0003
 _LEAST_STEP = 0.004  # of the way to the fist
 _MOST_STEPS = 40
-_OPENINGS = np.linspace(0, 1, 9)
+_OPENINGS = np.linspace(0, 1, 7)[1:]
+_SIDEWAYS_RAD = np.deg2rad([0.0, 12.0, -12.0])  # of a knuckle
 _SLIGHT_M = 0.0015  # depth of a digit that is pushed out rather than opened
 _NEAR_M = 0.006  # other digits that are farther away are not looked at
 _FINGERS, _THUMB = np.arange(5) < 4, np.arange(5) == 4
@@ -36,10 +37,9 @@ class Closing:
 class Closer:
     """Closes one hand on solids in its wrist's frame."""
 
-    def __init__(self, hand: ContactHand, solids: Solids, own: OwnContactSearch):
+    def __init__(self, hand: ContactHand, distances: PointDistances, own: OwnContactSearch):
         """Take what is asked in every step."""
-        self._hand, self._own = hand, own
-        self._distances = PointDistances(hand, solids)
+        self._hand, self._distances, self._own = hand, distances, own
         self._points = [np.flatnonzero(hand.digit == digit) for digit in range(5)]
 
     def closed(self, given: np.ndarray, moves: np.ndarray) -> Closing:
@@ -73,12 +73,9 @@ class Closer:
         return Closing(angles, touches)
 
     def _opened(self, given: np.ndarray, active: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
-        """Open digits that are deep in a thing or an obstacle, by the smallest of some shares of the way to spread."""
-        spread, start = given.copy(), given.copy()
-        spread[:, 0] = np.minimum(given[:, 0], np.deg2rad(GESTURES["spread"].angles_deg()[:, 0]))
-        sought, least_m = active.copy(), np.full(5, -np.inf)
-        for share in _OPENINGS:
-            way = given + share * (spread - given)
+        """Open digits that are deep in a thing or an obstacle, by the smallest of some ways: to spread, or sideways."""
+        start, sought, least_m = given.copy(), active.copy(), np.full(5, -np.inf)
+        for way in self._ways(given):
             self._distances.move(vertices := self._hand.posed(way[None])[0])
             no_lead = np.zeros(5, int)
             free_m = self._free_ways(no_lead, sought)[0]
@@ -86,10 +83,21 @@ class Closer:
             is_better = np.repeat(sought & (free_m > least_m), 3)
             start[is_better] = way[is_better]
             least_m = np.where(sought, np.maximum(least_m, free_m), least_m)
-            sought &= free_m < (-_SLIGHT_M if share == 0 else 0)
+            sought &= free_m < (-_SLIGHT_M if way is given else 0)
             if not sought.any():
                 break
         return start
+
+    def _ways(self, given: np.ndarray) -> Iterator[np.ndarray]:
+        """Yield the angles given, and then those that lead away from them, farther and farther."""
+        yield given
+        spread = np.minimum(given, np.deg2rad(GESTURES["spread"].angles_deg()))[:, 0]
+        for share in _OPENINGS:
+            for sideways in _SIDEWAYS_RAD:
+                way = given.copy()
+                way[:, 0] += share * (spread - given[:, 0])
+                way[::3, 1] = np.clip(given[::3, 1] + sideways, *self._hand.limits_rad[::3, :, 1].T)
+                yield way
 
     def _free_ways(self, lead: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Measure how far the phalanges from the leading joints on are from a thing [5], and the nearest's number."""

@@ -123,8 +123,9 @@ class Grasper:
     def _closed(self, given: np.ndarray, solids: Solids, options: GraspOptions) -> np.ndarray:
         hand = self._hand
         moves = np.array([finger in options.fingers for finger in MANO_FINGERS])
-        closing = Closer(hand, solids, self._own).closed(given, moves)
-        settler = Settler(hand, solids, self._own)
+        distances = PointDistances(hand, solids)
+        closing = Closer(hand, distances, self._own).closed(given, moves)
+        settler = Settler(hand, distances, self._own)
         touches = closing.touches & moves
         angles = np.where(np.repeat(touches | ~moves, 3)[:, None], closing.angles, given)
         wanted = Settling(angles, touches, options.press_m, *self._bounds(given), moves)

@@ -97,9 +97,9 @@ def _can_meet(hand: ContactHand, digit: int) -> np.ndarray:
     The palm is met by what lies beyond a digit's first phalanx, whose flesh folds with its own.
     """
     is_beyond = (hand.digit != PALM) & ((hand.joint - 1) % 3 > 0)
-    if digit == PALM:
-        return is_beyond
     distance, _ = KDTree(hand.rest[hand.digit == digit]).query(hand.rest)
+    if digit == PALM:
+        return is_beyond & (distance >= _FOLD_M)
     is_other = (hand.digit != digit) & (hand.digit != PALM)
     return is_other & ((distance >= _FOLD_M) | is_beyond | _is_beyond_web(hand))
 

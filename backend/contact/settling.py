@@ -12,7 +12,6 @@ import numpy as np
 from ..hand.joint_limits import FREE
 from .contact_hand import PALM, ContactHand
 from .own_contacts import OwnContactSearch
-from .placed_solids import Solids
 from .point_distances import PointDistances
 
 _STEPS = 14
@@ -50,10 +49,9 @@ class Settling:
 class Settler:
     """Settles poses of one hand on solids in its wrist's frame."""
 
-    def __init__(self, hand: ContactHand, solids: Solids, own: OwnContactSearch):
+    def __init__(self, hand: ContactHand, distances: PointDistances, own: OwnContactSearch):
         """Take what is asked in every step."""
-        self._hand, self._own = hand, own
-        self._distances = PointDistances(hand, solids)
+        self._hand, self._distances, self._own = hand, distances, own
         self._pads = [np.flatnonzero((hand.digit == digit) & hand.is_palmar) for digit in range(5)]
         self._candidates = np.flatnonzero(hand.digit != PALM)
 

@@ -1,8 +1,7 @@
 """The signed distance of any mesh, exact at its triangles: negative inside.
 
-The nearest point is sought among the triangles of the nearest samples of the surface, which lie densely. Its side is
-told by the angle-weighted normal there (Baerentzen and Aanaes 2005, "Signed Distance Computation Using the Angle
-Weighted Pseudonormal"). Parts of a mesh that pass through each other count as one solid.
+The side is told by the angle-weighted normal at the nearest point (Baerentzen and Aanaes 2005, "Signed Distance
+Computation Using the Angle Weighted Pseudonormal"). Parts of a mesh that pass through each other count as one solid.
 
 An open surface, such as a plane, counts from its front: what is behind it is inside, but beyond its rim is outside.
 """
@@ -10,18 +9,16 @@ An open surface, such as a plane, counts from its front: what is behind it is in
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from ..geometry.mesh_tables import half_edges
-from .nearest_triangle import closest_points
 from .oriented_mesh import OrientedPart, oriented_parts
 
-_SPACING_M = 0.002
-_MOST_SAMPLES = 150_000
-_CANDIDATES = 6
+if TYPE_CHECKING:
+    from ..compute.kernels.nearest import TriangleTree
+
 _ON_CORNER = 1e-9  # barycentric, below which a nearest point lies on an edge
 
 
@@ -42,10 +39,7 @@ class Solid:
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray):
         """Prepare vertices [N, 3] m and triangles [F, 3]. Raises as `oriented_parts`."""
-        parts = oriented_parts(vertices, faces)
-        area = sum(_areas(part.vertices[part.faces]).sum() for part in parts)
-        spacing_m = max(_SPACING_M, float(np.sqrt(area / _MOST_SAMPLES)))
-        self._parts = [_SampledPart.of(part, spacing_m) for part in parts]
+        self._parts = [_SearchedPart.of(part) for part in oriented_parts(vertices, faces)]
         self._low = np.array([part.low for part in self._parts])
         self._high = np.array([part.high for part in self._parts])
 
@@ -75,14 +69,13 @@ class Solid:
 
 
 @dataclass(frozen=True, eq=False)
-class _SampledPart:
-    """An oriented part, samples of its surface, and normals of its triangles' corners and edges.
+class _SearchedPart:
+    """An oriented part, and normals of its triangles' corners and edges.
 
     Attributes:
         corners: [F, 3, 3] m.
         normals: [F, 7, 3] of the face, of the edges opposite its corners, and of the corners; zero at a rim.
-        tree: of the samples.
-        triangle: [S] whose samples they are.
+        tree: of the triangles.
         low: [3] corner of its box.
         high: [3] the other corner.
         is_closed: whether it has no rim.
@@ -90,27 +83,26 @@ class _SampledPart:
 
     corners: np.ndarray
     normals: np.ndarray
-    tree: KDTree
-    triangle: np.ndarray
+    tree: TriangleTree
     low: np.ndarray
     high: np.ndarray
     is_closed: bool
 
     @classmethod
-    def of(cls, part: OrientedPart, spacing_m: float) -> _SampledPart:
+    def of(cls, part: OrientedPart) -> _SearchedPart:
+        from ..compute.kernels.nearest import triangle_tree
+
         corners = part.vertices[part.faces]
-        samples, triangle = _samples(corners, spacing_m)
         low, high = part.vertices.min(0), part.vertices.max(0)
-        return cls(corners, _normals(part), KDTree(samples), triangle, low, high, part.is_closed)
+        return cls(corners, _normals(part), triangle_tree(corners), low, high, part.is_closed)
 
     def distances(self, points: np.ndarray) -> Distances:
-        count = min(_CANDIDATES, len(self.triangle))
-        _, sample = self.tree.query(points, k=count)
-        candidates = self.triangle[sample.reshape(len(points), count)]
-        weights, offsets = closest_points(points[:, None], self.corners[candidates])
-        best = (offsets**2).sum(-1).argmin(1)
-        rows = np.arange(len(points))
-        face, weights, offsets = candidates[rows, best], weights[rows, best], offsets[rows, best]  # point to surface
+        from ..compute.kernels.nearest import find_nearest
+
+        points = np.ascontiguousarray(points)
+        face, weights = np.empty(len(points), np.int64), np.empty((len(points), 3))
+        find_nearest(points, self.tree, face, weights)
+        offsets = np.einsum("pk,pkc->pc", weights, self.corners[face]) - points
         length = np.linalg.norm(offsets, axis=1)
         normal = self.normals[face, _feature(weights)]
         is_rim = ~normal.any(1)
@@ -147,29 +139,3 @@ def _normals(part: OrientedPart) -> np.ndarray:
     of_corners[halves[count[edge] == 1]] = 0
     opposite = of_edges[edge.reshape(3, -1).T[:, [1, 2, 0]]]
     return np.concatenate([face[:, None], opposite, of_corners[part.faces]], 1)
-
-
-def _samples(corners: np.ndarray, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Find the centres [S, 3] of pieces of triangles [F, 3, 3] no longer than a spacing, and whose pieces [S] they are.
-
-    Pieces are halved across their longest edge.
-    """
-    centres, owners = [], []
-    owner = np.arange(len(corners))
-    while len(corners):
-        lengths = np.linalg.norm(corners - np.roll(corners, -1, 1), axis=2)  # of the edges 01, 12, 20
-        is_small = lengths.max(1) <= 1.5 * spacing_m
-        centres.append(corners[is_small].mean(1))
-        owners.append(owner[is_small])
-        corners, owner, longest = corners[~is_small], owner[~is_small], lengths[~is_small].argmax(1)
-        turn = (longest[:, None] + np.arange(3)) % 3
-        a, b, c = np.take_along_axis(corners, turn[..., None], 1).swapaxes(0, 1)
-        middle = (a + b) / 2
-        corners = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
-        owner = np.tile(owner, 2)
-    return np.concatenate(centres), np.concatenate(owners)
-
-
-def _areas(corners: np.ndarray) -> np.ndarray:
-    a, b, c = corners.swapaxes(0, 1)
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
