@@ -1,6 +1,6 @@
 """Bends the digits from a pose towards a fist until they touch: proximal joints stop first, the others go on.
 
-Steps are no longer than the way that is free (conservative advancement), so that no digit jumps through a thin thing.
+Steps are hardly longer than the free way (conservative advancement), so that no digit jumps through a thin thing.
 The thumb follows the fingers, and stops at them too.
 """
 
@@ -16,8 +16,9 @@ from .contact_hand import ContactHand
 from .own_contacts import OwnContactSearch
 from .point_distances import PointDistances
 
-_TOUCH_M = 0.0003
+_TOUCH_M = 0.0005
 _LEAST_STEP = 0.004  # of the way to the fist
+_STRIDE = 1.2  # of the free way; its bound is that of the farthest point
 _MOST_STEPS = 40
 _OPENINGS = np.linspace(0, 1, 7)[1:]
 _SIDEWAYS_RAD = np.deg2rad([0.0, 12.0, -12.0])  # of a knuckle
@@ -41,6 +42,7 @@ class Closer:
         """Take what is asked in every step."""
         self._hand, self._distances, self._own = hand, distances, own
         self._points = [np.flatnonzero(hand.digit == digit) for digit in range(5)]
+        self._bent = [(hand.joint[points] - 1) % 3 for points in self._points]
 
     def closed(self, given: np.ndarray, moves: np.ndarray) -> Closing:
         """Close the digits [5] that may move, from angles [15, 3] rad."""
@@ -65,7 +67,7 @@ class Closer:
             hits = active & (free_m <= _TOUCH_M)
             lead = np.where(hits, np.maximum(phalanx, lead) + 1, lead)
             active = active & (lead <= 2)
-            step = np.maximum(free_m / np.maximum(_rates(self._hand, start, goal, lead), 1e-6), _LEAST_STEP)
+            step = np.maximum(_STRIDE * free_m / np.maximum(_rates(self._hand, start, goal, lead), 1e-6), _LEAST_STEP)
             step = np.where(active & ~hits, np.minimum(step, 1 - share), 0)
             share += step
             angles = _advanced(angles, start, goal, lead, step)
@@ -102,10 +104,10 @@ class Closer:
     def _free_ways(self, lead: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Measure how far the phalanges from the leading joints on are from a thing [5], and the nearest's number."""
         free_m, phalanx = np.full(5, np.inf), np.zeros(5, int)
-        for digit in np.flatnonzero(active):
-            own = self._points[digit]
-            nearest = self._distances.nearest(own[self._hand.joint[own] > 3 * digit + lead[digit]])
-            free_m[digit], phalanx[digit] = self._distances.signed_m[nearest], (self._hand.joint[nearest] - 1) % 3
+        digits = np.flatnonzero(active)
+        points = [self._points[digit][self._bent[digit] >= lead[digit]] for digit in digits]
+        nearest = self._distances.nearest(points)
+        free_m[digits], phalanx[digits] = self._distances.signed_m[nearest], (self._hand.joint[nearest] - 1) % 3
         return free_m, phalanx
 
     def _own_ways(

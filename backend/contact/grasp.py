@@ -113,7 +113,7 @@ class Grasper:
         distances, own = PointDistances(hand, local), self._own.contacts(vertices, 0.0)
         distances.move(vertices)
         pads = [np.flatnonzero((hand.digit == digit) & hand.is_palmar) for digit in range(5)]
-        nearest = distances.signed_m[[distances.nearest(pad) for pad in pads]]
+        nearest = distances.signed_m[distances.nearest(pads)]
         gaps = {finger: float(gap) for finger, gap in zip(MANO_FINGERS, nearest, strict=True)}
         touches = tuple(finger for finger in FINGERS if abs(gaps[finger]) <= TOUCH_M)
         inside = distances.signed_m[distances.below(0.0, np.arange(len(hand.digit)))]

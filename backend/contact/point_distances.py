@@ -5,6 +5,8 @@ A point that moves by a way comes nearer to a thing by no more than it, so a bou
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .contact_hand import ContactHand
@@ -48,14 +50,16 @@ class PointDistances:
         self._measure(near[~self._is_measured[near]])
         return near[self.signed_m[near] < limit_m]
 
-    def nearest(self, among: np.ndarray) -> int:
-        """Find which of some points [K] is the nearest."""
+    def nearest(self, groups: Sequence[np.ndarray]) -> np.ndarray:
+        """Find the nearest point of each of some groups of points."""
         while True:
-            least = among[self.signed_m[among].argmin()]
-            if self._is_measured[least]:
-                return int(least)
-            near = among[self.signed_m[among] <= self.signed_m[least] + _LOOK_M]
-            self._measure(near[~self._is_measured[near]])
+            least = np.array([group[self.signed_m[group].argmin()] for group in groups], np.int64)
+            unsure = [group for group, point in zip(groups, least, strict=True) if not self._is_measured[point]]
+            if not unsure:
+                return least
+            near = [group[self.signed_m[group] <= self.signed_m[group].min() + _LOOK_M] for group in unsure]
+            which = np.concatenate(near)
+            self._measure(which[~self._is_measured[which]])
 
     def _measure(self, which: np.ndarray) -> None:
         if len(which):

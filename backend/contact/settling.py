@@ -14,7 +14,7 @@ from .contact_hand import PALM, ContactHand
 from .own_contacts import OwnContactSearch
 from .point_distances import PointDistances
 
-_STEPS = 14
+_STEPS = 20
 _DIFFERENCE_RAD = np.deg2rad(0.5)
 _LARGEST_STEP_RAD = np.deg2rad(6.0)
 _SLACK_M = 0.0002  # one unit of cost for gaps
@@ -22,7 +22,7 @@ _EASE_RAD = np.deg2rad(np.array([*(10.0, 5.0, 10.0, 10.0) * 4, 10.0, 6.0, 6.0, 1
 _OWN_DEPTH_M = 0.0003  # flesh yields a little where digits touch
 _DIGIT = np.append(np.repeat(np.arange(4), 4), np.full(5, 4))  # of each free angle
 _SLOT = np.append(np.tile(np.arange(4), 4), np.arange(5))  # its number within its digit
-_ENOUGH = 0.02  # decrease of the cost, as a share, below which it is done
+_ENOUGH, _GOOD_M = 0.05, 0.0003  # share by which the cost decreases, below which good gaps are good enough
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,6 @@ class Settler:
         angles, damping = start, 1e-2
         rows = self._rows(angles, wanted)
         for _ in range(_STEPS):
-            if rows.cost < 1e-3:
-                break
             tried = self._stepped(angles, rows, wanted, damping)
             new = self._rows(tried, wanted)
             if new.cost >= rows.cost:
@@ -69,7 +67,7 @@ class Settler:
                 if damping > 1e3:
                     break
                 continue
-            is_done = new.cost > (1 - _ENOUGH) * rows.cost
+            is_done = new.is_good and new.cost > (1 - _ENOUGH) * rows.cost
             angles, rows, damping = tried, new, damping / 5
             if is_done:
                 break
@@ -78,7 +76,7 @@ class Settler:
     def gaps_m(self, angles: np.ndarray) -> np.ndarray:
         """Measure how far [5] the palmar sides of the digits are from solids in angles [15, 3] rad."""
         self._distances.move(self._hand.posed(angles[None])[0])
-        return np.array([self._distances.signed_m[self._distances.nearest(pad)] for pad in self._pads])
+        return self._distances.signed_m[self._distances.nearest(self._pads)]
 
     def _stepped(self, angles: np.ndarray, rows: _Rows, wanted: Settling, damping: float) -> np.ndarray:
         slope = rows.slope
@@ -96,14 +94,16 @@ class Settler:
         own_rows = self._own_rows(posed)
         offset = (angles - wanted.reference).ravel()[FREE] / _EASE_RAD
         slopes = np.concatenate([object_rows[1], own_rows[1], np.diag(1 / _EASE_RAD)])
-        return _Rows(np.concatenate([object_rows[0], own_rows[0], offset]), slopes)
+        gaps = np.concatenate([object_rows[0], own_rows[0]])
+        is_good = bool(np.abs(gaps).max(initial=0.0) * _SLACK_M < _GOOD_M)
+        return _Rows(np.concatenate([gaps, offset]), slopes, is_good)
 
     def _object_rows(self, posed: np.ndarray, wanted: Settling) -> tuple[np.ndarray, np.ndarray]:
         distances = self._distances
         distances.move(posed[0])
         deep = distances.below(-wanted.press_m, self._candidates)
-        pads = [distances.nearest(self._pads[digit]) for digit in np.flatnonzero(wanted.presses)]
-        rows = np.unique(np.concatenate([deep, np.array(pads, int)]))
+        pads = distances.nearest([self._pads[digit] for digit in np.flatnonzero(wanted.presses)])
+        rows = np.unique(np.concatenate([deep, pads]))
         residual = (distances.signed_m[rows] + wanted.press_m) / _SLACK_M
         return residual, self._slopes(posed, rows, distances.outward[rows]) / _SLACK_M
 
@@ -123,6 +123,7 @@ class Settler:
 class _Rows:
     residual: np.ndarray
     slope: np.ndarray
+    is_good: bool
 
     @property
     def cost(self) -> float:

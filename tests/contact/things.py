@@ -46,7 +46,7 @@ def torus():
 
 
 def bottle():
-    half = [(0, 0), (0.03, 0), (0.033, 0.004), (0.033, 0.1), (0.028, 0.12), (0.014, 0.145), (0.013, 0.19), (0, 0.19)]
+    half = [(0, 0), (0.03, 0), (0.033, 0.004), (0.033, 0.08), (0.028, 0.095), (0.014, 0.115), (0.013, 0.21), (0, 0.21)]
     return revolved(half).apply_translation((0, 0, -0.05))
 
 
@@ -100,19 +100,19 @@ HOLDS = (
     Hold("cylinder", "Medium Wrap", (0, 8, 0), offset_mm=(-14, 0, 0)),
     Hold("cylinder", "Open", (0, 15, 0), offset_mm=(-12, 0, 0)),
     Hold("box", "Large Diameter", offset_mm=(-14, 0, 0)),
-    Hold("box", "Prismatic 4 Finger", (0, 0, 20), at=("index", "middle")),
+    Hold("box", "Prismatic 4 Finger", at=("index", "middle"), offset_mm=(-12, 0, 0), opened_deg=8),
     Hold("cone", "Power Disk", offset_mm=(-12, 0, 5)),
     Hold("cone", "Tripod", (0, 0, 0), at=("index", "middle"), offset_mm=(0, 0, -20)),
     Hold("torus", "Fixed Hook", (90, 0, 0), offset_mm=(-48, 0, 0)),
     Hold("torus", "Palmar Pinch", (90, 0, 0), at=("index",), offset_mm=(-45, 0, 0), opened_deg=5),
     Hold("bottle", "Large Diameter", (0, 5, 0), offset_mm=(-14, 0, 0)),
-    Hold("bottle", "Small Diameter", (180, 8, 0), offset_mm=(-16, 0, 110)),
+    Hold("bottle", "Small Diameter", (180, 8, 0), offset_mm=(-16, 0, 112)),
     Hold("handle", "Medium Wrap", (0, 8, 0), offset_mm=(-22, 0, 0)),
     Hold("handle", "Fixed Hook", (0, 0, 0), offset_mm=(-40, 0, 0)),
     Hold("phone", "Relaxed", (0, 90, 0), offset_mm=(-10, 0, 20)),
-    Hold("phone", "Parallel Extension", (0, 90, 0), at=("index", "middle"), offset_mm=(-20, 0, 0)),
-    Hold("pen", "Writing Tripod", (35, 40, 0), at=("index", "middle")),
-    Hold("pen", "Tip Pinch", (0, 0, 0), at=("index",)),
+    Hold("phone", "Palmar Pinch", at=("index", "middle"), offset_mm=(-60, 0, 0)),
+    Hold("pen", "Writing Tripod", (0, 60, 0), at=("index", "middle")),
+    Hold("pen", "Tip Pinch", at=("index",)),
     Hold("egg", "Tripod", (90, 0, 0), at=("index", "middle"), opened_deg=10),
     Hold("egg", "Power Sphere", offset_mm=(-14, 0, 0)),
 )
@@ -126,6 +126,16 @@ def given_pose(hold, side="right"):
     return pose if side == "right" else pose.mirrored()
 
 
+def between(thumb, fingers):
+    """The matrix [4, 4] that takes Y to the way from the thumb to the fingers, about the middle of both."""
+    up = (fingers - thumb) / np.linalg.norm(fingers - thumb)
+    across = np.cross((1, 0, 0), up)
+    across /= np.linalg.norm(across)
+    matrix = np.eye(4)
+    matrix[:3] = np.stack([np.cross(up, across), up, across, (thumb + fingers) / 2], 1)
+    return matrix
+
+
 def placed_mesh(hold, hand):
     """The thing of a hold, in the space of the right hand."""
     mesh = THINGS[hold.thing]()
@@ -136,8 +146,9 @@ def placed_mesh(hold, hand):
     if hold.at != "palm":
         tips = {name: vertices[joint == number].mean(0) for name, number in _TIPS.items()}
         fingers = np.mean([tips[name] for name in hold.at], 0)
-        mesh.apply_transform(trimesh.geometry.align_vectors((0, 1, 0), fingers - tips["thumb"]))
-        return mesh.apply_translation((fingers + tips["thumb"]) / 2 + np.array(hold.offset_mm) / 1000)
+        mesh.apply_translation(np.array(hold.offset_mm) / 1000)
+        mesh.apply_transform(between(tips["thumb"], fingers))
+        return mesh
     touching = ContactHand.of(hand, np.zeros(10))
     palm = touching.points(vertices[touching.vertices], np.flatnonzero(touching.digit == PALM))
     mesh.apply_translation(np.array(hold.offset_mm) / 1000 + (palm.mean(0) * (1, 0, 0)))
