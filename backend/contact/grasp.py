@@ -56,6 +56,7 @@ class Grasp:
         pose: its parameters.
         gaps_m: finger -> distance of its palmar side to the surface, negative inside.
         touches: the fingers that touch, within `TOUCH_M`.
+        inside: the fingers that could not be brought out of a thing: a part of them is deeper than `DEEPEST_M`.
         deepest_m: how deep the deepest of its points is in a thing; 0: none is.
         own_deepest_m: how deep digits pass through each other.
     """
@@ -63,8 +64,13 @@ class Grasp:
     pose: HandPose
     gaps_m: dict[str, float]
     touches: tuple[str, ...]
+    inside: tuple[str, ...]
     deepest_m: float
     own_deepest_m: float
+
+
+class NothingInReach(LiveHandError):
+    """No finger reaches a thing."""
 
 
 class Grasper:
@@ -93,11 +99,11 @@ class Grasper:
         solids = Solids(things)
         pose = self._without_palm_inside(pose, solids, options.moves_wrist)
         local = self._in_wrist(pose, solids)
-        angles = self._closed(angles_of(pose.theta, self._hand.axes), local, options)
+        angles = self._closed(self.angles(pose), local, options)
         found = self.measured(replace(pose, theta=self._theta(pose, angles)), things)
         if not found.touches:
             finger = min(found.gaps_m, key=lambda name: found.gaps_m[name])
-            raise LiveHandError(
+            raise NothingInReach(
                 f"a finger must reach {solids.names}; the nearest, the {finger}, ends "
                 f"{1000 * found.gaps_m[finger]:.0f} mm away: bring the hand nearer, or turn the palm to it"
             )
@@ -109,16 +115,43 @@ class Grasper:
             found = self.measured(pose.mirrored(), [one.mirrored() for one in things])
             return replace(found, pose=pose)
         hand, local = self._hand, self._in_wrist(pose, Solids(things))
-        vertices = hand.posed(angles_of(pose.theta, hand.axes)[None])[0]
+        vertices = hand.posed(self.angles(pose)[None])[0]
         distances, own = PointDistances(hand, local), self._own.contacts(vertices, 0.0)
         distances.move(vertices)
         pads = [np.flatnonzero((hand.digit == digit) & hand.is_palmar) for digit in range(5)]
         nearest = distances.signed_m[distances.nearest(pads)]
         gaps = {finger: float(gap) for finger, gap in zip(MANO_FINGERS, nearest, strict=True)}
         touches = tuple(finger for finger in FINGERS if abs(gaps[finger]) <= TOUCH_M)
-        inside = distances.signed_m[distances.below(0.0, np.arange(len(hand.digit)))]
-        deepest_m, own_m = (float(max(0.0, -values.min(initial=0.0))) for values in (inside, own.gap_m))
-        return Grasp(pose, gaps, touches, deepest_m, own_m)
+        deep = distances.below(0.0, np.arange(len(hand.digit)))
+        depth_m = -distances.signed_m[deep]
+        digits = set(hand.digit[deep[depth_m > DEEPEST_M]].tolist())
+        inside = tuple(finger for finger in FINGERS if MANO_FINGERS.index(finger) in digits)
+        own_m = max(0.0, float(-own.gap_m.min(initial=0.0)))
+        return Grasp(pose, gaps, touches, inside, float(depth_m.max(initial=0.0)), own_m)
+
+    def angles(self, pose: HandPose) -> np.ndarray:
+        """Compute joint angles [15, 3] rad of a right pose."""
+        return angles_of(pose.theta, self._hand.axes)
+
+    @staticmethod
+    def touching_digits(grasp: Grasp) -> np.ndarray:
+        """Return [5] which digits touch, in MANO's order."""
+        return np.array([finger in grasp.touches for finger in MANO_FINGERS])
+
+    def settled(
+        self,
+        pose: HandPose,
+        things: Sequence[PlacedSolid],
+        angles: np.ndarray,
+        touches: np.ndarray,
+        options: GraspOptions,
+    ) -> HandPose:
+        """Give a right pose other angles [15, 3] rad, and settle them so that digits [5] touch."""
+        moves = np.array([finger in options.fingers for finger in MANO_FINGERS])
+        distances = PointDistances(self._hand, self._in_wrist(pose, Solids(things)))
+        wanted = Settling(angles, touches & moves, options.press_m, *self._bounds(self.angles(pose)), moves)
+        found = Settler(self._hand, distances, self._own).settled(angles, wanted)
+        return replace(pose, theta=self._theta(pose, found))
 
     def _closed(self, given: np.ndarray, solids: Solids, options: GraspOptions) -> np.ndarray:
         hand = self._hand
@@ -162,7 +195,7 @@ class Grasper:
 
     def _without_palm_inside(self, pose: HandPose, solids: Solids, moves_wrist: bool) -> HandPose:
         hand = self._hand
-        vertices = hand.posed(angles_of(pose.theta, hand.axes)[None])[0]
+        vertices = hand.posed(self.angles(pose)[None])[0]
         palm = hand.points(vertices, np.flatnonzero(hand.digit == PALM))
         local = self._in_wrist(pose, solids)
         depth_m = -float(local.distances(palm).signed_m.min())

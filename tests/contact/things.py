@@ -19,7 +19,7 @@ _GAP_M = 0.0005  # between the palm and what lies in it
 
 
 def revolved(profile, sections=48):
-    """A closed solid of revolution about Z of a profile [K, 2] of radii and heights, which starts and ends on the axis."""
+    """A closed solid of revolution about Z of a profile [K, 2] of radii and heights, which begins and ends on it."""
     mesh = trimesh.creation.revolve(np.asarray(profile, float), sections=sections)
     mesh.merge_vertices()
     return mesh
@@ -54,8 +54,10 @@ def handle():
     """A bar between two posts on a plate: parts that pass through each other."""
     bar = trimesh.creation.capsule(0.1, 0.011, count=[24, 24])
     posts = [
-        trimesh.creation.cylinder(0.008, 0.05, sections=24, transform=trimesh.transformations.rotation_matrix(
-            np.pi / 2, (1, 0, 0))).apply_translation((0, -0.025, end)) for end in (-0.05, 0.05)
+        trimesh.creation.cylinder(
+            0.008, 0.05, sections=24, transform=trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0))
+        ).apply_translation((0, -0.025, end))
+        for end in (-0.05, 0.05)
     ]
     plate = trimesh.creation.box((0.03, 0.006, 0.15)).apply_translation((0, -0.052, 0))
     bar.apply_translation((0, 0, -bar.centroid[2]))
@@ -100,7 +102,7 @@ HOLDS = (
     Hold("cylinder", "Medium Wrap", (0, 8, 0), offset_mm=(-14, 0, 0)),
     Hold("cylinder", "Open", (0, 15, 0), offset_mm=(-12, 0, 0)),
     Hold("box", "Large Diameter", offset_mm=(-14, 0, 0)),
-    Hold("box", "Prismatic 4 Finger", at=("index", "middle"), offset_mm=(-12, 0, 0), opened_deg=8),
+    Hold("box", "Power Disk", (0, 0, 90), offset_mm=(-16, 0, 10)),
     Hold("cone", "Power Disk", offset_mm=(-12, 0, 5)),
     Hold("cone", "Tripod", (0, 0, 0), at=("index", "middle"), offset_mm=(0, 0, -20)),
     Hold("torus", "Fixed Hook", (90, 0, 0), offset_mm=(-48, 0, 0)),
@@ -111,8 +113,8 @@ HOLDS = (
     Hold("handle", "Fixed Hook", (0, 0, 0), offset_mm=(-40, 0, 0)),
     Hold("phone", "Relaxed", (0, 90, 0), offset_mm=(-10, 0, 20)),
     Hold("phone", "Palmar Pinch", at=("index", "middle"), offset_mm=(-60, 0, 0)),
-    Hold("pen", "Writing Tripod", (0, 60, 0), at=("index", "middle")),
-    Hold("pen", "Tip Pinch", at=("index",)),
+    Hold("pen", "Writing Tripod", (-60, 60, 0), at=("index", "middle")),
+    Hold("pen", "Tip Pinch", (0, -60, 0), at=("index",)),
     Hold("egg", "Tripod", (90, 0, 0), at=("index", "middle"), opened_deg=10),
     Hold("egg", "Power Sphere", offset_mm=(-14, 0, 0)),
 )
