@@ -8,22 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..hand.model import MIRROR_POINT
-from .solid import Distances, Solid
+from .solid import Distances, MeshSolid
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedSolid:
     """A solid, and the rotation or reflection [3, 3] and the place [3] m that take its space to another."""
 
-    solid: Solid
+    solid: MeshSolid
     rotation: np.ndarray
     place: np.ndarray
     name: str = "the object"
 
     @classmethod
     def of(cls, vertices: np.ndarray, faces: np.ndarray, name: str = "the object") -> PlacedSolid:
-        """Make a solid where its vertices [N, 3] m are. Raises as `Solid`."""
-        return cls(Solid(vertices, faces), np.eye(3), np.zeros(3), name)
+        """Make a solid where its vertices [N, 3] m are. Raises as `MeshSolid`."""
+        return cls(MeshSolid(vertices, faces), np.eye(3), np.zeros(3), name)
 
     def moved(self, rotation: np.ndarray, place: np.ndarray) -> PlacedSolid:
         """Move it on, by a rotation or reflection [3, 3] and then by a place [3] m."""

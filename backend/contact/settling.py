@@ -78,7 +78,7 @@ class Settler:
         self._distances.move(self._hand.posed(angles[None])[0])
         return self._distances.signed_m[self._distances.nearest(self._pads)]
 
-    def _stepped(self, angles: np.ndarray, rows: _Rows, wanted: Settling, damping: float) -> np.ndarray:
+    def _stepped(self, angles: np.ndarray, rows: _GapRows, wanted: Settling, damping: float) -> np.ndarray:
         slope = rows.slope
         normal = slope.T @ slope
         step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1.0), slope.T @ rows.residual)
@@ -87,7 +87,7 @@ class Settler:
         flat[FREE] = np.clip(flat[FREE] + step * wanted.moves[_DIGIT], wanted.low, wanted.high)
         return flat.reshape(15, 3)
 
-    def _rows(self, angles: np.ndarray, wanted: Settling) -> _Rows:
+    def _rows(self, angles: np.ndarray, wanted: Settling) -> _GapRows:
         """Compute residuals and their slopes by the free angles."""
         posed = self._hand.posed(angles + _PERTURBATIONS)  # [6, N, 3], the first unchanged
         object_rows = self._object_rows(posed, wanted)
@@ -96,7 +96,7 @@ class Settler:
         slopes = np.concatenate([object_rows[1], own_rows[1], np.diag(1 / _EASE_RAD)])
         gaps = np.concatenate([object_rows[0], own_rows[0]])
         is_good = bool(np.abs(gaps).max(initial=0.0) * _SLACK_M < _GOOD_M)
-        return _Rows(np.concatenate([gaps, offset]), slopes, is_good)
+        return _GapRows(np.concatenate([gaps, offset]), slopes, is_good)
 
     def _object_rows(self, posed: np.ndarray, wanted: Settling) -> tuple[np.ndarray, np.ndarray]:
         distances = self._distances
@@ -120,7 +120,7 @@ class Settler:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _GapRows:
     residual: np.ndarray
     slope: np.ndarray
     is_good: bool

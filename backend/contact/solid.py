@@ -34,7 +34,7 @@ class Distances(NamedTuple):
     outward: np.ndarray
 
 
-class Solid:
+class MeshSolid:
     """One or several meshes as one solid."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray):

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ...backend.contact.placed_solids import PlacedSolid
-from ...backend.contact.solid import Solid
+from ...backend.contact.solid import MeshSolid
 from ...backend.records.errors import LiveHandError
 from ..light.solids import MESH_LIKE, LocalTriangles
 from ..rig.hand import RiggedHand, find_hands, mesh_of
@@ -42,7 +42,7 @@ class Targets:
     def __init__(self, objects: Sequence[bpy.types.Object]):
         """Take the original objects."""
         self._objects = tuple(objects)
-        self._kept: dict[str, tuple[np.ndarray, Solid]] = {}
+        self._kept: dict[str, tuple[np.ndarray, MeshSolid]] = {}
 
     def placed(self, hand: RiggedHand, depsgraph: bpy.types.Depsgraph) -> list[PlacedSolid]:
         """Place them in a hand's own space, in the depsgraph's frame.
@@ -61,7 +61,7 @@ class Targets:
         kept = self._kept.get(thing.name_full)
         if kept is None or kept[0].shape != scaled.shape or not np.allclose(kept[0], scaled, rtol=0, atol=1e-7):
             try:
-                solid = Solid(scaled, np.arange(len(scaled)).reshape(-1, 3))
+                solid = MeshSolid(scaled, np.arange(len(scaled)).reshape(-1, 3))
             except LiveHandError as error:
                 raise LiveHandError(f"{thing.name}: {error}") from error
             kept = self._kept[thing.name_full] = scaled, solid
