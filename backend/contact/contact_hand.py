@@ -22,7 +22,7 @@ from ..hand.lbs import SkinTensors, joint_transforms, pose_correctives
 from ..hand.model import HandModel
 
 PALM = 5
-_PALMAR_COSINE = 0.2  # of a point's normal with the way to the palm, from which a thing is touched by it
+_PALMAR_COSINE = -0.35  # of a point's normal with the way to the palm: tips and sides touch things, backs do not
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class ContactHand:
         corners: [P, 3] of these vertices, between which a point lies.
         shares: [P, 3] of the corners in it.
         joint: [P] that a point follows most.
-        is_palmar: [P] whether it looks towards the palm's side of its bone.
+        is_palmar: [P] whether it does not belong to the back of its bone.
         rest: [P, 3] m, the points at rest.
         rest_joints: [16, 3] m.
     """

@@ -44,7 +44,7 @@ class GraspOptions:
 
     fingers: Sequence[str] = FINGERS
     press_m: float = 0.0006
-    reach_m: float = 0.03
+    reach_m: float = 0.015
     moves_wrist: bool = False
 
 
@@ -174,6 +174,8 @@ class Grasper:
         if not tries.any():
             return angles
         drawn = settler.settled(angles, replace(wanted, presses=wanted.presses | tries))
+        if settler.has_deeper(drawn, DEEPEST_M) and not settler.has_deeper(angles, DEEPEST_M):
+            return angles
         arrived = tries & (settler.gaps_m(drawn) <= TOUCH_M)
         stays = np.repeat(tries & ~arrived, 3)[:, None]
         kept = np.where(stays, angles, drawn)

@@ -52,12 +52,14 @@ class PointDistances:
 
     def nearest(self, groups: Sequence[np.ndarray]) -> np.ndarray:
         """Find the nearest point of each of some groups of points."""
+        look_m = _LOOK_M
         while True:
             least = np.array([group[self.signed_m[group].argmin()] for group in groups], np.int64)
             unsure = [group for group, point in zip(groups, least, strict=True) if not self._is_measured[point]]
             if not unsure:
                 return least
-            near = [group[self.signed_m[group] <= self.signed_m[group].min() + _LOOK_M] for group in unsure]
+            near = [group[self.signed_m[group] <= self.signed_m[group].min() + look_m] for group in unsure]
+            look_m *= 2
             which = np.concatenate(near)
             self._measure(which[~self._is_measured[which]])
 

@@ -78,6 +78,11 @@ class Settler:
         self._distances.move(self._hand.posed(angles[None])[0])
         return self._distances.signed_m[self._distances.nearest(self._pads)]
 
+    def has_deeper(self, angles: np.ndarray, depth_m: float) -> bool:
+        """Tell whether a point of a digit is deeper in solids than a depth in angles [15, 3] rad."""
+        self._distances.move(self._hand.posed(angles[None])[0])
+        return bool(len(self._distances.below(-depth_m, self._candidates)))
+
     def _stepped(self, angles: np.ndarray, rows: _GapRows, wanted: Settling, damping: float) -> np.ndarray:
         slope = rows.slope
         normal = slope.T @ slope

@@ -37,7 +37,7 @@ class LIVEHAND_OT_grasp(OnHand, FrameRange, bpy.types.Operator):
         name="Reach",
         description="How far fingers that do not touch when they bend are drawn to the surface; 0 keeps their pose",
         subtype="DISTANCE_CAMERA",
-        default=30.0,
+        default=15.0,
         min=0.0,
         soft_max=60.0,
     )
