@@ -94,8 +94,8 @@ class Closer:
         """Yield the angles given, and then those that lead away from them, farther and farther."""
         yield given
         spread = np.minimum(given, np.deg2rad(GESTURES["spread"].angles_deg()))[:, 0]
-        for share in _OPENINGS:
-            for sideways in _SIDEWAYS_RAD:
+        for sideways in _SIDEWAYS_RAD:
+            for share in _OPENINGS:
                 way = given.copy()
                 way[:, 0] += share * (spread - given[:, 0])
                 way[::3, 1] = np.clip(given[::3, 1] + sideways, *self._hand.limits_rad[::3, :, 1].T)

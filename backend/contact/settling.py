@@ -22,7 +22,8 @@ _EASE_RAD = np.deg2rad(np.array([*(10.0, 5.0, 10.0, 10.0) * 4, 10.0, 6.0, 6.0, 1
 _OWN_DEPTH_M = 0.0003  # flesh yields a little where digits touch
 _DIGIT = np.append(np.repeat(np.arange(4), 4), np.full(5, 4))  # of each free angle
 _SLOT = np.append(np.tile(np.arange(4), 4), np.arange(5))  # its number within its digit
-_ENOUGH, _GOOD_M = 0.05, 0.0003  # share by which the cost decreases, below which good gaps are good enough
+_GOOD_M = 0.0003  # gaps are good that are nearer than this to what they should be
+_ENOUGH, _STUCK = 0.05, 0.01  # least decrease of the cost in a step, as a share, with good gaps and without
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class Settler:
                 if damping > 1e3:
                     break
                 continue
-            is_done = new.is_good and new.cost > (1 - _ENOUGH) * rows.cost
+            is_done = new.cost > (1 - (_ENOUGH if new.is_good else _STUCK)) * rows.cost
             angles, rows, damping = tried, new, damping / 5
             if is_done:
                 break
