@@ -116,6 +116,16 @@ def theta_of(angles_deg: np.ndarray, axes: FingerAxes, root: np.ndarray | None =
     return theta
 
 
+def angles_of(theta: np.ndarray, axes: FingerAxes) -> np.ndarray:
+    """Compute joint angles [..., 15, 3] rad of theta [..., 16, 3] rad: the inverse of `theta_of`, but in radians."""
+    frames = np.stack([axes.flexion, axes.bone, -axes.dorsal], -1)[1:]
+    local = frames.swapaxes(1, 2) @ axis_angle_to_matrix(theta[..., 1:, :]) @ frames
+    flexion = np.arctan2(local[..., 2, 1], local[..., 1, 1])
+    abduction = np.arcsin(np.clip(local[..., 0, 1], -1, 1))
+    twist = np.arctan2(local[..., 0, 2], local[..., 0, 0])
+    return np.stack([flexion, abduction, twist], -1)
+
+
 def sample_angles_deg(rng: np.random.Generator, count: int) -> np.ndarray:
     """Draw [count, 15, 3] random natural joint angles.
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.rotation import axis_angle_to_matrix
+from ..hand.gestures import FingerAxes, angles_of
 from ..hand.joint_axes import anatomical_axes
 from ..hand.joint_limits import FREE, LIMITS
 from ..hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, HandModel
@@ -47,13 +48,8 @@ class JointBend(NamedTuple):
     def of(cls, model: HandModel, theta: np.ndarray, side: Side | None = None) -> JointBend:
         """Measure poses theta [T, 16, 3] of a side; None: the model's."""
         right = theta if (side or model.side) == "right" else theta * MIRROR_AXIS_ANGLE
-        axes = anatomical_axes(model.for_side("right"))
-        frames = np.stack([axes[:, 0], axes[:, 2], -axes[:, 1]], -1)  # columns: flexion axis, bone, palm
-        local = frames.swapaxes(1, 2) @ axis_angle_to_matrix(right[:, 1:]) @ frames
-        flexion = np.arctan2(local[..., 2, 1], local[..., 1, 1])
-        abduction = np.arcsin(np.clip(local[..., 0, 1], -1, 1))
-        twist = np.arctan2(local[..., 0, 2], local[..., 0, 0])
-        angles = np.stack([flexion, abduction, twist], -1)
+        axes = np.pad(anatomical_axes(model.for_side("right")), ((1, 0), (0, 0), (0, 0)))
+        angles = angles_of(right, FingerAxes(*axes.swapaxes(0, 1)))
         excess = np.maximum(_LIMITS_RAD[..., 0] - angles, angles - _LIMITS_RAD[..., 1]).max(-1).clip(min=0)
         return cls(angles, excess)
 

@@ -1,45 +1,20 @@
 """Ranges of the joints, as constraints that the hand's property *Limit Joints* turns on and off.
 
-Figures in degrees from the straight finger. Fingers, thumb MCP and IP: American Academy of Orthopaedic Surgeons (AAOS),
-"Joint Motion: Method of Measuring and Recording", 1965. The rest are our estimates: sideways motion beyond the
-knuckles, and the thumb's saddle joint, whose clinical zero differs from the rest pose. The wrist bends about as
-far as AAOS has it, and hardly twists: the forearm does.
+The figures are those of `backend.hand.joint_limits`.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import bpy
 import numpy as np
 
-from ...backend.hand.bones import FINGERS, bone_name, finger_joints, rest_flexion_deg
+from ...backend.hand.bones import bone_name
 from ...backend.hand.joint_axes import euler_rad
+from ...backend.hand.joint_limits import WRIST_RANGE, usual_limits_deg
 from ...backend.hand.model import HandModel
 from .drivers import drive_by_sliders
 
 LIMIT_CONSTRAINT = "Joint Limits"
-
-
-class JointRange(NamedTuple):
-    """Smallest and largest flexion, abduction towards the thumb, and twist, degrees."""
-
-    flexion: tuple[float, float]
-    abduction: tuple[float, float]
-    twist: tuple[float, float]
-
-
-FINGER_RANGES = (
-    JointRange((-45, 90), (-20, 20), (-15, 15)),  # MCP
-    JointRange((0, 100), (-5, 5), (-5, 5)),  # PIP
-    JointRange((-10, 90), (-5, 5), (-5, 5)),  # DIP
-)
-THUMB_RANGES = (
-    JointRange((-30, 45), (-40, 40), (-20, 45)),  # CMC, from the rest pose
-    JointRange((-10, 50), (-20, 20), (-20, 20)),  # MCP; AAOS has no hyperextension here
-    JointRange((-20, 80), (-25, 25), (-20, 20)),  # IP
-)
-WRIST_RANGE = JointRange((-70, 70), (-35, 20), (-10, 10))
 
 
 def add_limits(armature: bpy.types.Object, model: HandModel) -> None:
@@ -75,9 +50,4 @@ def _limit(armature: bpy.types.Object, bone: bpy.types.PoseBone, low: np.ndarray
 
 def joint_limits_rad(model: HandModel) -> np.ndarray:
     """Compute smallest and largest rotation [15, 2, 3] about X, Y and Z of joints 1..15, in Blender's order YZX."""
-    ranges = np.empty((15, 2, 3))
-    for finger in FINGERS:
-        rows = [joint - 1 for joint in finger_joints(finger)]
-        ranges[rows] = np.swapaxes(THUMB_RANGES if finger == "thumb" else FINGER_RANGES, 1, 2)
-    ranges[..., 0] -= rest_flexion_deg(model)[:, None]
-    return np.sort(euler_rad(ranges, model.side), axis=1)
+    return np.sort(euler_rad(usual_limits_deg(model), model.side), axis=1)

@@ -35,6 +35,7 @@ class LIVEHAND_PT_posing(OfHand, Tab, bpy.types.Panel):
         row = self.layout.row(align=True)
         row.operator("livehand.key_hand", icon="KEY_HLT")
         row.operator("livehand.mirror_pose", text="Mirror", icon="MOD_MIRROR")
+        self.layout.operator("livehand.grasp", icon="VIEW_PAN")
         _draw_collections(self.layout, armature)
         _draw_picker(self.layout, armature)
         _draw_controls(self.layout, armature)

@@ -1,0 +1,95 @@
+"""Grasps over a shot, without pops: each frame's changes of the pose are smoothed, and the joints settle once more.
+
+Before a digit touches for the first time, and after it has let go, its change is eased in and out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d, median_filter
+
+from ..records.errors import LiveHandError
+from ..records.shot import HandPose
+from .grasp import Grasp, Grasper, GraspOptions, NothingInReach
+from .placed_solids import PlacedSolid
+
+_EASE_FRAMES = 10
+_SMOOTH_FRAMES = 2.0
+_LEAST_RUN = 5  # frames; shorter touches are filled or left out
+
+
+def grasped_shot(
+    grasper: Grasper,
+    poses: Sequence[HandPose],
+    things: Sequence[Sequence[PlacedSolid]],
+    options: GraspOptions,
+    report: Callable[[int], None] = lambda done: None,
+) -> list[Grasp]:
+    """Close a hand on things in T frames.
+
+    Args:
+        grasper: of the hand and its shape.
+        poses: the animator's, all of one side.
+        things: of each frame, in the hand's own space.
+        options: how; the wrist is never moved.
+        report: called with the number of frames that were grasped so far.
+
+    Raises:
+        LiveHandError: no frame reaches anything, or the palm is inside a thing.
+    """
+    if poses[0].side == "left":
+        mirrored = [[one.mirrored() for one in row] for row in things]
+        found = grasped_shot(grasper, [pose.mirrored() for pose in poses], mirrored, options, report)
+        return [replace(one, pose=one.pose.mirrored()) for one in found]
+    given = np.stack([grasper.angles(pose) for pose in poses])
+    changes, touches = np.zeros_like(given), np.zeros((len(poses), 5), bool)
+    for frame, (pose, row) in enumerate(zip(poses, things, strict=True)):
+        grasp = _grasp(grasper, pose, row, replace(options, moves_wrist=False), frame)
+        if grasp is not None:
+            changes[frame] = grasper.angles(grasp.pose) - given[frame]
+            touches[frame] = grasper.touching_digits(grasp)
+        report(frame + 1)
+    if not touches.any():
+        raise LiveHandError("a finger must reach the object in some frame, none does; bring the hand nearer")
+    touches = _steady(touches)
+    wanted = given + _eased(changes, touches)
+    settled = [
+        grasper.settled(pose, row, angles, touching, options)
+        for pose, row, angles, touching in zip(poses, things, wanted, touches, strict=True)
+    ]
+    return [grasper.measured(pose, row) for pose, row in zip(settled, things, strict=True)]
+
+
+def _grasp(
+    grasper: Grasper, pose: HandPose, things: Sequence[PlacedSolid], options: GraspOptions, frame: int
+) -> Grasp | None:
+    """Grasp in a frame; None: nothing is within reach."""
+    try:
+        return grasper.grasp(pose, things, options)
+    except NothingInReach:
+        return None
+    except LiveHandError as error:
+        raise LiveHandError(f"in frame {frame + 1} of the range, {error}") from error
+
+
+def _steady(touches: np.ndarray) -> np.ndarray:
+    """Fill short gaps in touches [T, 5], and leave short ones out."""
+    size = min(_LEAST_RUN, len(touches))
+    return median_filter(touches.astype(np.uint8), size=(size, 1), mode="nearest").astype(bool)
+
+
+def _eased(changes: np.ndarray, touches: np.ndarray) -> np.ndarray:
+    """Smooth changes [T, 15, 3] of angles; digits that do not touch [T, 5] have those of the nearest frame, fading."""
+    frames, filled = np.arange(len(changes)), changes.copy()
+    for digit in range(5):
+        joints, touching = slice(3 * digit, 3 * digit + 3), np.flatnonzero(touches[:, digit])
+        if not len(touching):
+            filled[:, joints] = 0
+            continue
+        nearest = touching[np.abs(frames[:, None] - touching).argmin(1)]
+        share = np.clip(1 - np.abs(frames - nearest) / _EASE_FRAMES, 0, 1)
+        filled[:, joints] = (share * share * (3 - 2 * share))[:, None, None] * changes[nearest, joints]
+    return gaussian_filter1d(filled, _SMOOTH_FRAMES, axis=0, mode="nearest")

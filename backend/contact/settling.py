@@ -1,0 +1,146 @@
+"""Moves the joints a little, so that digits which touch press lightly and nothing passes through anything.
+
+Levenberg-Marquardt steps on the gaps, in which the joints' limits are bounds and the pose is held back to where it was.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..hand.joint_limits import FREE
+from .contact_hand import PALM, ContactHand
+from .own_contacts import OwnContactSearch
+from .point_distances import PointDistances
+
+_STEPS = 20
+_DIFFERENCE_RAD = np.deg2rad(0.5)
+_LARGEST_STEP_RAD = np.deg2rad(6.0)
+_SLACK_M = 0.0002  # one unit of cost for gaps
+_EASE_RAD = np.deg2rad(np.array([*(10.0, 5.0, 10.0, 10.0) * 4, 10.0, 6.0, 6.0, 10.0, 10.0]))  # and for free angles
+_OWN_DEPTH_M = 0.0003  # flesh yields a little where digits touch
+_DIGIT = np.append(np.repeat(np.arange(4), 4), np.full(5, 4))  # of each free angle
+_SLOT = np.append(np.tile(np.arange(4), 4), np.arange(5))  # its number within its digit
+_GOOD_M = 0.0003  # gaps are good that are nearer than this to what they should be
+_ENOUGH, _STUCK = 0.05, 0.01  # least decrease of the cost in a step, as a share, with good gaps and without
+
+
+@dataclass(frozen=True)
+class Settling:
+    """What is wanted of a pose.
+
+    Attributes:
+        reference: [15, 3] rad, which it stays near.
+        presses: [5] digits that are to touch.
+        press_m: how deep.
+        low: [21] smallest free angles, rad.
+        high: [21] largest.
+        moves: [5] digits that may move.
+    """
+
+    reference: np.ndarray
+    presses: np.ndarray
+    press_m: float
+    low: np.ndarray
+    high: np.ndarray
+    moves: np.ndarray
+
+
+class Settler:
+    """Settles poses of one hand on solids in its wrist's frame."""
+
+    def __init__(self, hand: ContactHand, distances: PointDistances, own: OwnContactSearch):
+        """Take what is asked in every step."""
+        self._hand, self._distances, self._own = hand, distances, own
+        self._pads = [np.flatnonzero((hand.digit == digit) & hand.is_palmar) for digit in range(5)]
+        self._candidates = np.flatnonzero(hand.digit != PALM)
+
+    def settled(self, start: np.ndarray, wanted: Settling) -> np.ndarray:
+        """Move angles [15, 3] rad until the gaps are as wanted, or become no better."""
+        angles, damping = start, 1e-2
+        rows = self._rows(angles, wanted)
+        for _ in range(_STEPS):
+            tried = self._stepped(angles, rows, wanted, damping)
+            new = self._rows(tried, wanted)
+            if new.cost >= rows.cost:
+                damping *= 10
+                if damping > 1e3:
+                    break
+                continue
+            is_done = new.cost > (1 - (_ENOUGH if new.is_good else _STUCK)) * rows.cost
+            angles, rows, damping = tried, new, damping / 5
+            if is_done:
+                break
+        return angles
+
+    def gaps_m(self, angles: np.ndarray) -> np.ndarray:
+        """Measure how far [5] the palmar sides of the digits are from solids in angles [15, 3] rad."""
+        self._distances.move(self._hand.posed(angles[None])[0])
+        return self._distances.signed_m[self._distances.nearest(self._pads)]
+
+    def has_deeper(self, angles: np.ndarray, depth_m: float) -> bool:
+        """Tell whether a point of a digit is deeper in solids than a depth in angles [15, 3] rad."""
+        self._distances.move(self._hand.posed(angles[None])[0])
+        return bool(len(self._distances.below(-depth_m, self._candidates)))
+
+    def _stepped(self, angles: np.ndarray, rows: _GapRows, wanted: Settling, damping: float) -> np.ndarray:
+        slope = rows.slope
+        normal = slope.T @ slope
+        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1.0), slope.T @ rows.residual)
+        step *= min(1.0, _LARGEST_STEP_RAD / max(np.abs(step).max(), 1e-12))
+        flat = angles.ravel().copy()
+        flat[FREE] = np.clip(flat[FREE] + step * wanted.moves[_DIGIT], wanted.low, wanted.high)
+        return flat.reshape(15, 3)
+
+    def _rows(self, angles: np.ndarray, wanted: Settling) -> _GapRows:
+        """Compute residuals and their slopes by the free angles."""
+        posed = self._hand.posed(angles + _PERTURBATIONS)  # [6, N, 3], the first unchanged
+        object_rows = self._object_rows(posed, wanted)
+        own_rows = self._own_rows(posed)
+        offset = (angles - wanted.reference).ravel()[FREE] / _EASE_RAD
+        slopes = np.concatenate([object_rows[1], own_rows[1], np.diag(1 / _EASE_RAD)])
+        gaps = np.concatenate([object_rows[0], own_rows[0]])
+        is_good = bool(np.abs(gaps).max(initial=0.0) * _SLACK_M < _GOOD_M)
+        return _GapRows(np.concatenate([gaps, offset]), slopes, is_good)
+
+    def _object_rows(self, posed: np.ndarray, wanted: Settling) -> tuple[np.ndarray, np.ndarray]:
+        distances = self._distances
+        distances.move(posed[0])
+        deep = distances.below(-wanted.press_m, self._candidates)
+        pads = distances.nearest([self._pads[digit] for digit in np.flatnonzero(wanted.presses)])
+        rows = np.unique(np.concatenate([deep, pads]))
+        residual = (distances.signed_m[rows] + wanted.press_m) / _SLACK_M
+        return residual, self._slopes(posed, rows, distances.outward[rows]) / _SLACK_M
+
+    def _own_rows(self, posed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found = self._own.contacts(posed[0], -_OWN_DEPTH_M)
+        slope = self._slopes(posed, found.points, found.outward) - self._slopes(posed, found.others, found.outward)
+        return (found.gap_m + _OWN_DEPTH_M) / _SLACK_M, slope / _SLACK_M
+
+    def _slopes(self, posed: np.ndarray, points: np.ndarray, outward: np.ndarray) -> np.ndarray:
+        """Compute [K, 21] how points move along unit vectors [K, 3], m per rad of the free angles of their digits."""
+        places = self._hand.points(posed, points)
+        along = np.einsum("bkc,kc->kb", places[1:] - places[0], outward) / _DIFFERENCE_RAD  # [K, 5]
+        return np.where(self._hand.digit[points][:, None] == _DIGIT, along[:, _SLOT], 0.0)
+
+
+@dataclass(frozen=True)
+class _GapRows:
+    residual: np.ndarray
+    slope: np.ndarray
+    is_good: bool
+
+    @property
+    def cost(self) -> float:
+        return float(self.residual @ self.residual)
+
+
+def _perturbations() -> np.ndarray:
+    """Return [6, 15, 3] rad: none, and the first to fifth free angle of every digit at once, which move no other."""
+    changes = np.zeros((6, 45))
+    changes[1 + _SLOT, FREE] = _DIFFERENCE_RAD
+    return changes.reshape(6, 15, 3)
+
+
+_PERTURBATIONS = _perturbations()

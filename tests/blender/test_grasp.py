@@ -1,0 +1,173 @@
+"""*Grasp* in a scene: what it touches, keys, undoes and refuses, both hands alike."""
+
+import bpy
+import mathutils
+import numpy as np
+import pytest
+from livehand.backend.contact.solid import MeshSolid
+from livehand.backend.hand.gestures import FingerAxes, theta_of
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.poses import POSES
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
+from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
+
+# Of a ball in front of a right hand's palm, in the hand's own space.
+CENTRE_M, RADIUS_M = np.array([-0.02, -0.062, 0.006]), 0.034
+
+
+def posed(hand, pose="Power Sphere"):
+    side = hand.livehand.side
+    theta = theta_of(POSES[pose].gesture.angles_deg(), FingerAxes.of_default_hand())
+    write_theta(RiggedHand.of(hand), theta if side == "right" else theta * MIRROR_AXIS_ANGLE)
+    hand.update_tag()
+    return hand
+
+
+def add_ball(hand, away_m=(0, 0, 0), radius=RADIUS_M):
+    """A ball of modifiers, scaled as an object."""
+    bpy.ops.mesh.primitive_cube_add(size=2)
+    ball = bpy.context.active_object
+    subdivided = ball.modifiers.new("Subdivision", "SUBSURF")
+    subdivided.levels = 4
+    cast = ball.modifiers.new("Cast", "CAST")
+    cast.factor, cast.radius, cast.use_radius_as_size = 1.0, 1.0, False
+    cast.size = 1.0
+    ball.scale = (radius,) * 3
+    mirror = (1, 1, 1) if hand.livehand.side == "right" else (-1, 1, 1)
+    ball.location = hand.matrix_world @ mathutils.Vector((CENTRE_M + np.array(away_m)) * mirror)
+    bpy.context.view_layer.update()
+    return ball
+
+
+def select(hand, *things):
+    bpy.ops.object.select_all(action="DESELECT")
+    for thing in (*things, hand):
+        thing.select_set(True)
+    bpy.context.view_layer.objects.active = hand
+
+
+def depths_mm(hand, thing, evaluated_vertices):
+    """Signed distances of the evaluated hand's vertices from an evaluated object, both in the world."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    mesh = thing.evaluated_get(depsgraph).to_mesh()
+    matrix = np.array(thing.matrix_world)
+    mesh.calc_loop_triangles()
+    corners = np.array([tuple(vertex.co) for vertex in mesh.vertices]) @ matrix[:3, :3].T + matrix[:3, 3]
+    faces = np.array([tuple(triangle.vertices) for triangle in mesh.loop_triangles])
+    world = np.array(hand.livehand.mesh.evaluated_get(depsgraph).matrix_world)
+    vertices = evaluated_vertices(hand) @ world[:3, :3].T + world[:3, 3]
+    return 1000 * MeshSolid(corners, faces).distances(vertices).signed_m
+
+
+def test_a_ball_with_modifiers_is_grasped_and_no_vertex_is_deeper_than_the_skin_yields(hand, evaluated_vertices):
+    hand.location, hand.rotation_euler = (0.3, -0.2, 1.1), (0.4, 0.7, -0.5)
+    bpy.context.view_layer.update()
+    ball = add_ball(posed(hand))
+    select(hand, ball)
+    assert bpy.ops.livehand.grasp() == {"FINISHED"}
+    depth = depths_mm(hand, ball, evaluated_vertices)
+    joint = load_default_hand().lbs_weights.argmax(1)
+    assert depth.min() > -0.1  # pads are flat
+    touching = [digit for digit in range(5) if depth[(joint - 1) // 3 == digit].min() < 1.0]
+    assert 4 in touching
+    assert len(touching) >= 3
+    assert [key.name for key in hand.livehand.mesh.data.shape_keys.key_blocks if "Grasp" in key.name] == [
+        "Grasp Pads 1"
+    ]
+
+
+def test_without_flat_pads_they_press_as_deep_as_asked(hand, evaluated_vertices):
+    ball = add_ball(posed(hand))
+    select(hand, ball)
+    bpy.ops.livehand.grasp(flatten=True)
+    bpy.ops.livehand.grasp(flatten=False, press=0.4)
+    assert -0.6 < depths_mm(hand, ball, evaluated_vertices).min() < -0.1
+    assert not [key for key in hand.livehand.mesh.data.shape_keys.key_blocks if "Grasp" in key.name]
+
+
+def test_only_the_chosen_fingers_move(hand):
+    ball = add_ball(posed(hand, "Open"))
+    before = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
+    select(hand, ball)
+    bpy.ops.livehand.grasp(fingers={"index", "middle"})
+    moved = np.abs(read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta - before).max(1) > 1e-4
+    assert not moved[[0, 7, 8, 9, 10, 11, 12, 13, 14, 15]].any()
+    assert moved[[1, 4]].all()
+
+
+@pytest.mark.parametrize(
+    ("away_m", "match"),
+    [((0, -0.5, 0), "a finger must reach Cube"), ((0, 0.06, 0), "the palm must not be inside Cube, it is")],
+)
+def test_what_cannot_be_grasped_is_refused_and_nothing_changes(hand, away_m, match):
+    ball = add_ball(posed(hand), away_m)
+    before = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
+    select(hand, ball)
+    with pytest.raises(RuntimeError, match=match):
+        bpy.ops.livehand.grasp()
+    np.testing.assert_array_equal(read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta, before)
+
+
+def test_a_hand_is_moved_out_on_wish(hand):
+    ball = add_ball(posed(hand), (0, 0.022, 0))
+    select(hand, ball)
+    assert bpy.ops.livehand.grasp(move_wrist=True) == {"FINISHED"}
+    transl = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).transl
+    assert 0.001 < np.linalg.norm(transl) < 0.03
+
+
+def test_words_for_what_is_missing(hand):
+    select(hand)
+    with pytest.raises(RuntimeError, match="an object to grasp must be selected beside the hand"):
+        bpy.ops.livehand.grasp()
+    empty = bpy.data.objects.new("Nothing", None)
+    bpy.context.scene.collection.objects.link(empty)
+    select(hand, empty)
+    with pytest.raises(RuntimeError, match="Nothing has none; deselect it"):
+        bpy.ops.livehand.grasp()
+    points = bpy.data.objects.new("Points", bpy.data.meshes.new("Points"))
+    bpy.context.scene.collection.objects.link(points)
+    select(hand, points)
+    with pytest.raises(RuntimeError, match="Points: the object must have faces with an area"):
+        bpy.ops.livehand.grasp()
+    hand.scale = (1, 1, 2)
+    bpy.context.view_layer.update()
+    select(hand, add_ball(hand))
+    with pytest.raises(RuntimeError, match="must be scaled by one positive number"):
+        bpy.ops.livehand.grasp()
+
+
+@pytest.mark.slow
+def test_a_range_is_keyed_and_the_fingers_follow_a_ball_that_wanders(hand, evaluated_vertices, curves_of):
+    scene = bpy.context.scene
+    ball = add_ball(posed(hand))
+    start = ball.location.copy()
+    for frame, shift in ((1, 0.0), (5, -0.004)):
+        ball.location = start
+        ball.location.y += shift
+        ball.keyframe_insert("location", frame=frame)
+    select(hand, ball)
+    assert bpy.ops.livehand.grasp(use_range=True, use_scene_range=False, first=1, last=5) == {"FINISHED"}
+    names = {curve.data_path.split('"')[1] for curve in curves_of(hand.animation_data.action)}
+    assert len(names) == 15
+    assert not any(name.startswith(("wrist", "forearm")) for name in names)
+    for frame in (1, 3, 5):
+        scene.frame_set(frame)
+        depth = depths_mm(hand, ball, evaluated_vertices)
+        assert -0.3 < depth.min() < 0.3
+
+
+@pytest.mark.slow
+def test_two_hands_clasp():
+    right = posed(add_hand(bpy.context, load_default_hand()), "Relaxed")
+    left = posed(add_hand(bpy.context, load_default_hand().for_side("left")), "Relaxed")
+    left.rotation_euler = (np.pi, 0, 0)
+    left.location = (0.02, -0.075, 0.0)
+    bpy.context.view_layer.update()
+    before = [read_hand_pose(one, bpy.context.evaluated_depsgraph_get()).theta for one in (right, left)]
+    select(right, left)
+    assert bpy.ops.livehand.grasp() == {"FINISHED"}
+    after = [read_hand_pose(one, bpy.context.evaluated_depsgraph_get()).theta for one in (right, left)]
+    assert all(np.abs(one - other).max() > 0.05 for one, other in zip(before, after, strict=True))
