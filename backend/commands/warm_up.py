@@ -23,8 +23,8 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     Raises:
         LiveHandError: the avatar cannot be read.
     """
+    from ..render.ahead.kernels import prepare_kernels
     from ..render.backends import has_numba
-    from ..render.session import prepare_kernels
 
     if not has_numba():
         return {"compiled": False, "summary": "numba is not installed: there are no kernels to compile"}

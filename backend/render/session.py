@@ -1,7 +1,5 @@
 """Hand models and renderers that stay loaded between frames, and are loaded again when their files change.
 
-Kernels are compiled ahead by small pictures that need every one of them; Blender does so in a process of its own.
-
 torch is imported at the first render. The registered render engine owns one session.
 """
 
@@ -9,27 +7,18 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
+from typing import Literal, TypeVar
 
-from ..avatars.library import shipped_avatar_path
 from ..hand.model import HandModel
 from ..hand.model_file import load_hand_model
 from ..records.errors import LiveHandError
-from ..system.child_job import JobProgress, Report, run_job
 from ..system.packages import load_torch_libraries
 from ..system.thread_limits import allow_cpu_for_mps, limit_spinning
 from .frame_queue import FrameQueue
 from .frame_task import HandRenderer
-
-if TYPE_CHECKING:
-    from ..records.shot import Shot
-
-_SIDE_PX = 64
-_LOOK_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -137,76 +126,3 @@ def _cached(cache: dict[tuple, Item], key: tuple, load: Callable[[], Item]) -> I
             del cache[old]
         cache[key] = load()
     return cache[key]
-
-
-class Prepared(NamedTuple):
-    """How long it took, s, and the folder that keeps the kernels; None: no folder takes them."""
-
-    seconds: float
-    folder: Path | None
-
-
-def prepare_kernels(avatar_path: Path) -> Prepared:
-    """Compile the kernels that render this avatar of the built-in hand; numba must be there.
-
-    Raises:
-        LiveHandError: the avatar cannot be read.
-    """
-    from ..avatars.file import load_avatar
-    from ..compute.kernels.cache_folder import mark_prepared
-    from ..hand.model_file import load_default_hand
-    from .backends import kernel_cache
-    from .renderer import Renderer
-
-    began, avatar, hand = time.perf_counter(), load_avatar(avatar_path), load_default_hand()
-    for precision in ("fp32", "bf16"):
-        renderer = Renderer(avatar, hand, "cpu", precision)
-        for shot in _shots(hand):
-            renderer.render(shot)
-    folder = kernel_cache()
-    if folder is not None:
-        mark_prepared(folder)
-    return Prepared(time.perf_counter() - began, folder)
-
-
-def _shots(hand: HandModel) -> list[Shot]:
-    """Make small pictures that need every kernel: in the avatar's own light, and between lamp, sky and occluder."""
-    import numpy as np
-
-    from ..hand.lbs import posed_vertices
-    from ..records.camera import Camera, look_at
-    from ..records.light import Light
-    from ..records.shot import HandPose, Shot
-    from .studio_light import studio_light
-
-    pose = HandPose(np.zeros((16, 3)), np.zeros(10), np.zeros(3), hand.side)
-    vertices = posed_vertices(hand, pose)
-    centre, size_m = vertices.mean(0), float(np.ptp(vertices, axis=0).max())
-    K = np.array([[_SIDE_PX, 0, _SIDE_PX / 2], [0, _SIDE_PX, _SIDE_PX / 2], [0, 0, 1.0]])
-    cam2world = look_at(centre + size_m * np.array([0, 1.5, 0.2]), centre, np.array([0, 0, 1.0]))
-    shot = Shot(pose, vertices, Camera(K, cam2world, (_SIDE_PX, _SIDE_PX)))
-    beside = centre + size_m * np.array([[2.0, 0, 0], [2, 0.1, 0], [2, 0, 0.1]])
-    studio = studio_light()
-    occluded = Light(studio.lamps, studio.sky, occluders=beside[None].astype(np.float32))
-    return [shot, replace(shot, light=studio), replace(shot, light=occluded)]
-
-
-def run() -> None:
-    """Compile the kernels in the process of a job."""
-    run_job(_prepared, "the kernels need more memory than is free; close other programs")
-
-
-def _prepared(_request: None, report: Report) -> Mapping[str, Any]:
-    threading.Thread(target=_count, args=(report,), name="livehand count", daemon=True).start()
-    return {"seconds": prepare_kernels(shipped_avatar_path()).seconds}
-
-
-def _count(report: Report) -> None:
-    """Report how many kernels are compiled, until the process ends."""
-    from ..compute.cpu import backend  # noqa: F401, which imports all kernels
-    from ..compute.kernels.compiled import kernel_counts
-
-    while True:
-        compiled, every = kernel_counts()
-        report(JobProgress(f"{compiled} of {every}", compiled / max(every, 1)))
-        time.sleep(_LOOK_S)

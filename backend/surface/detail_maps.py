@@ -232,8 +232,15 @@ def _around(plane: Float[Tensor, "1 1 N N"]) -> Float[Tensor, "1 1 N N"]:
 
 def _means(plane: Float[Tensor, "1 1 N N"], weights: tuple[float, ...], step: int) -> Float[Tensor, "1 1 n n"]:
     """Average with weights, from one texel before every `step` on; border values repeat. A convolution is slower."""
-    columns = pad(plane, (1, 1, 0, 0), mode="replicate").unfold(-1, len(weights), step) @ plane.new_tensor(weights)
-    return pad(columns, (0, 0, 1, 1), mode="replicate").unfold(-2, len(weights), step) @ plane.new_tensor(weights)
+    values = pad(plane, (1, 1, 1, 1), mode="replicate")
+    for axis in (-2, -1):
+        reach = values.shape[axis] - len(weights) + 1
+        first, *others = (values.narrow(axis, at, reach).movedim(axis, -1)[..., ::step] for at in range(len(weights)))
+        total = first * weights[0]
+        for weight, other in zip(weights[1:], others, strict=True):
+            total = total.add_(other, alpha=weight)
+        values = total.movedim(-1, axis)
+    return values
 
 
 def _blurred(plane: Float[Tensor, "1 1 N N"], deviation: float) -> Float[Tensor, "1 1 N N"]:

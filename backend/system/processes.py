@@ -18,6 +18,8 @@ import uuid
 from collections.abc import Callable, Generator
 from pathlib import Path
 
+_OF_BACKGROUND = 10
+
 
 def process_space() -> str:
     """Identify where a process id is valid: this machine since it was started, or this container."""
@@ -36,6 +38,12 @@ def end_by_input(process: subprocess.Popen[bytes], patience_s: float) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+
+
+def give_way() -> None:
+    """Let other processes of the user's go first; Windows has no such call."""
+    if hasattr(os, "nice"):
+        os.nice(_OF_BACKGROUND)
 
 
 def is_running(pid: int) -> bool:

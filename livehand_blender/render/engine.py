@@ -289,7 +289,7 @@ def prepare_soon() -> None:
 def prepare_now() -> None:
     """Start compiling the kernels at once: a view that begins before would compile them a second time."""
     if not bpy.app.background:
-        LiveHandRender.preparation.start()
+        LiveHandRender.preparation.go_on()
         prepare_soon()
 
 
@@ -301,7 +301,7 @@ def stop_preparing() -> None:
 
 def _prepare() -> float | None:
     """Start, and show in 3D views how far it is, until it is done."""
-    LiveHandRender.preparation.start()
+    LiveHandRender.preparation.go_on()
     for manager in bpy.data.window_managers:
         for area in (area for window in manager.windows for area in window.screen.areas if area.type == "VIEW_3D"):
             area.tag_redraw()

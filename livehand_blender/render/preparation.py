@@ -13,31 +13,52 @@ _TITLE = "Preparing LiveHand (once)"
 
 
 class Preparation:
-    """The process that compiles the kernels; none before it is needed, and after it has been."""
+    """The processes that compile the kernels; none before they are needed, and after they have been.
+
+    Views wait for the first ones, which share what a picture needs; one more compiles the rest beside them.
+    """
 
     def __init__(self):
-        self._job: ChildJob | None = None
+        self._first: tuple[ChildJob, ...] = ()
+        self._last: ChildJob | None = None
 
-    def start(self) -> None:
-        """Start the process, if the packages are there and the kernels are not."""
-        if self._job is not None or missing_requirements() or importlib.util.find_spec("numba") is None:
+    def go_on(self) -> None:
+        """Start what is to be done next, if the packages are there and the kernels are not."""
+        if self._last is not None or self.progress is not None:
             return
-        from ...backend.compute.kernels.cache_folder import is_prepared
+        if not self._first and not _is_needed():
+            return
+        from ...backend.render.ahead import job
 
-        if not is_prepared():
-            self._job = ChildJob.start("preparing LiveHand", "render.session", None)
+        if self._first:
+            self._last = _start(job.LAST_REQUEST)
+        else:
+            self._first = tuple(map(_start, job.first_requests()))
 
     @property
     def progress(self) -> JobProgress | None:
-        """What users are told; None while nothing is prepared."""
-        if self._job is None or not self._job.is_running:
+        """What users are told; None while no view has to wait."""
+        if not any(job.is_running for job in self._first):
             return None
-        return JobProgress(f"{_TITLE}: {self._job.progress.text}", self._job.progress.share)
+        share = sum(job.progress.share or 0.0 for job in self._first)  # of all kernels each
+        return JobProgress(f"{_TITLE}: {share:.0%}", share)
 
     def stop(self) -> None:
-        """End the process; what it has compiled is kept."""
-        if self._job is not None:
-            self._job.cancel()
+        """End the processes; what they have compiled is kept."""
+        for one in filter(None, (*self._first, self._last)):
+            one.cancel()
+
+
+def _is_needed() -> bool:
+    if missing_requirements() or importlib.util.find_spec("numba") is None:
+        return False
+    from ...backend.compute.kernels.cache_folder import is_prepared
+
+    return not is_prepared()
+
+
+def _start(request: list[int] | None) -> ChildJob:
+    return ChildJob.start("preparing LiveHand", "render.ahead.job", request)
 
 
 def draw_preparation(layout: bpy.types.UILayout, now: JobProgress | None) -> None:

@@ -20,33 +20,54 @@ def started(monkeypatch):
 
     def start(name, module, request):
         assert callable(importlib.import_module(f"livehand.backend.{module}").run)
-        jobs.append(SimpleNamespace(is_running=True, progress=JobProgress("40 of 171", 0.25), cancel=lambda: None))
-        return jobs[-1]
+        job = SimpleNamespace(
+            request=request, is_running=True, progress=JobProgress("20 of 80", 0.25), is_stopped=False
+        )
+        job.cancel = lambda: setattr(job, "is_stopped", True)
+        jobs.append(job)
+        return job
 
     monkeypatch.setattr(preparation, "ChildJob", SimpleNamespace(start=start))
     monkeypatch.setattr(preparation, "missing_requirements", lambda: [])
     monkeypatch.setattr(cache_folder, "is_prepared", lambda: False)
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
     return jobs
 
 
 def test_it_starts_once_and_says_how_far_it_is(started):
     one = Preparation()
     assert one.progress is None
-    one.start()
-    one.start()
-    assert len(started) == 1
-    assert one.progress == JobProgress("Preparing LiveHand (once): 40 of 171", 0.25)
+    one.go_on()
+    one.go_on()
+    assert [job.request for job in started] == [[0, 2], [1, 2]]
+    started[0].progress = JobProgress("starting")
+    assert one.progress == JobProgress("Preparing LiveHand (once): 25%", 0.25)
     drawn = []
     layout = SimpleNamespace(progress=lambda text, factor: drawn.append((text, factor)))
     draw_preparation(layout, one.progress)
-    assert drawn == [("Preparing LiveHand (once): 40 of 171", 0.25)]
+    assert drawn == [("Preparing LiveHand (once): 25%", 0.25)]
     started[0].is_running = False
+    assert one.progress is not None
+    started[1].is_running = False
     assert one.progress is None
     draw_preparation(layout, one.progress)
     assert len(drawn) == 1
 
 
-@pytest.mark.parametrize("module", ["render/session.py", "tracking/film_job.py", "person/command.py"])
+def test_what_pictures_do_not_need_at_first_is_compiled_once_while_no_view_waits(started):
+    one = Preparation()
+    one.go_on()
+    for job in started:
+        job.is_running = False
+    one.go_on()
+    one.go_on()
+    assert [job.request for job in started] == [[0, 2], [1, 2], None]
+    assert one.progress is None
+    one.stop()
+    assert all(job.is_stopped for job in started)
+
+
+@pytest.mark.parametrize("module", ["render/ahead/job.py", "tracking/film_job.py", "person/command.py"])
 def test_what_jobs_run_is_in_the_extension(module):
     root = Path(livehand.__file__).parent
     manifest = tomllib.loads((root / "blender_manifest.toml").read_text())
@@ -62,5 +83,5 @@ def test_it_does_not_start_where_there_is_nothing_to_do(started, monkeypatch, wh
         monkeypatch.setattr(cache_folder, "is_prepared", lambda: True)
     else:
         monkeypatch.setattr(preparation.importlib.util, "find_spec", lambda name: None)
-    Preparation().start()
+    Preparation().go_on()
     assert started == []

@@ -1,5 +1,6 @@
 """Kernels: their arithmetic is single; where their cache lies and who can write there; that it serves several names."""
 
+import importlib
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from livehand.backend.compute.kernels import compiled as compiled_module
 from livehand.backend.compute.kernels.cache_folder import (
     is_prepared,
     kernel_folder_name,
@@ -16,6 +18,7 @@ from livehand.backend.compute.kernels.cache_folder import (
     writable_cache,
 )
 from livehand.backend.compute.kernels.compiled import _cache_folder, compiled, compiled_loosely, kernel_counts
+from numba.core.dispatcher import Dispatcher
 
 
 def test_single_precision_stays_single():
@@ -39,6 +42,28 @@ def test_whether_all_kernels_are_compiled_is_known_without_numba(monkeypatch, tm
     mark_prepared(folder)
     assert is_prepared()
     assert _cache_folder(str(tmp_path)) == folder
+
+
+def test_python_calls_no_part_of_a_kernel():
+    """Parts have no entry for Python: a call would end the process."""
+    from livehand.backend.compute.cpu import backend
+
+    folder = Path(backend.__file__).parent
+    for source in folder.glob("*.py"):
+        module = importlib.import_module(f"{backend.__package__}.{source.stem}")
+        named = vars(module) | {
+            f"{alias}.{name}": value
+            for alias, kernels in vars(module).items()
+            if getattr(kernels, "__package__", "") == compiled_module.__package__
+            for name, value in vars(kernels).items()
+            if f"{alias}.{name}(" in source.read_text()
+        }
+        parts = [
+            name
+            for name, value in named.items()
+            if isinstance(value, Dispatcher) and value.targetoptions.get("no_cpython_wrapper")
+        ]
+        assert parts == [], source
 
 
 @pytest.mark.slow

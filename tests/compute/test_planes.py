@@ -3,6 +3,7 @@
 import itertools
 from functools import partial
 
+import numba
 import numpy as np
 import pytest
 import torch
@@ -14,6 +15,12 @@ from livehand.backend.field.encoding import FeaturePlane
 GUARD = 77.0
 
 
+@numba.njit
+def call_read_plane(table, start, sizes, u, v, h, fade, out, at):
+    """Only kernels can call parts of kernels."""
+    read_plane(table, start, sizes[0], sizes[1], sizes[2], u, v, h, fade, out, at)
+
+
 def read(plane, uv, height, fade=1.0, start=0, at=0):
     """[S, channels] by the kernel, from a table that begins at `start` of an array, written from `at` on."""
     table = np.concatenate([np.full(start, 1e9), plane.table.detach().numpy().ravel()]).astype(np.float32)
@@ -21,7 +28,7 @@ def read(plane, uv, height, fade=1.0, start=0, at=0):
     rows = []
     for (u, v), h in zip(uv.numpy(), height.numpy(), strict=True):
         out = np.full(at + plane.channels + 2, GUARD, np.float32)
-        read_plane(table, start, *sizes, u, v, h, np.float32(fade), out, at)
+        call_read_plane(table, start, sizes, u, v, h, np.float32(fade), out, at)
         assert (out[:at] == GUARD).all()
         assert (out[at + plane.channels :] == GUARD).all()
         rows.append(out[at : at + plane.channels])

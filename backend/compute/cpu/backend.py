@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..reference import ReferenceBackend
 from .field import FieldKernels
 from .gradients import ShadeKernels
 from .image import ImageKernels
@@ -17,3 +18,18 @@ class NumbaBackend(SurfaceKernels, RayKernels, FieldKernels, ShadeKernels, Light
 
     frames_at_once = 2
     threads_of_frame = staticmethod(threads_of_frame)
+
+
+_SUBJECTS: tuple[tuple[type[ReferenceBackend], ...], ...] = (
+    (RayKernels, FieldKernels),
+    (LightKernels,),
+    (SurfaceKernels,),
+    (ImageKernels, NetworkKernels),
+)
+"""Together they have all kernels of a frame; in the order of the time that these take to compile."""
+
+
+def share_of_backend(number: int, count: int) -> ReferenceBackend:
+    """Make one of `count` backends that together use all kernels of a frame; the rest of each is the reference's."""
+    bases = tuple(base for subject in _SUBJECTS[number::count] for base in subject)
+    return type(f"Share{number}Of{count}", bases, {})()

@@ -94,7 +94,7 @@ def mesh_points(
     """Locate points on the mesh, as `light.indirect_diffuse.MeshPoints.of`; face -1 is none."""
     count = len(face)
     hit_points = MeshPoints(torch.empty(count, 3, dtype=faces.dtype), torch.empty(count, 3))
-    arrays = as_arrays(mesh.vertices, faces, face, position)
+    arrays = as_arrays(mesh.vertices, faces, face.int(), position)  # the kernel is compiled for one type
     vertex, weight = (values.numpy() for values in hit_points)
     in_parallel(lambda first, last: fill_points(*arrays, first, last, vertex, weight), count)
     return hit_points

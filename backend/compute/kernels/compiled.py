@@ -18,6 +18,7 @@ from numba.core.options import DefaultOptions
 from .cache_folder import kernel_folder_name, writable_cache
 
 _LOOSE = {"reassoc", "contract", "nsz", "arcp"}
+_WITHOUT_PYTHON = "no_cpython_wrapper"
 _UNCOUNTED = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
@@ -32,23 +33,27 @@ def compiled_loosely(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def compiled_part(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile as `compiled` a function that kernels call and that makes no arrays: references are not counted in it.
+    """Compile as `compiled` a function that kernels alone call and that makes no arrays.
 
-    Counting takes a third of the march's time. A numba without the option counts them.
+    References are not counted in it, which takes a third of the march's time; a numba without the option counts them.
+    It is kept as a part of its kernels only, and Python cannot call it: both would take a fifth of the compiler's time.
     """
-    return _compiled(function, fastmath=False, **_UNCOUNTED)
+    return _compiled(function, fastmath=False, is_part=True)
 
 
 def compiled_part_loosely(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile as `compiled_loosely` and `compiled_part` do."""
-    return _compiled(function, fastmath=_LOOSE, **_UNCOUNTED)
+    return _compiled(function, fastmath=_LOOSE, is_part=True)
 
 
-def _compiled(function: Callable[..., Any], fastmath: bool | set[str], **options: Any) -> Callable[..., Any]:
+def _compiled(function: Callable[..., Any], fastmath: bool | set[str], is_part: bool = False) -> Callable[..., Any]:
     with disk_cache() as has_cache:
         plain = inspect.unwrap(function)  # without the type checker that the tests wrap around everything
         settings: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "forceinline": True}
-        return numba.njit(cache=has_cache, **settings, **options)(plain)
+        settings["no_cfunc_wrapper"] = True  # which only C would call
+        if is_part:
+            settings |= {_WITHOUT_PYTHON: True, **_UNCOUNTED}
+        return numba.njit(cache=has_cache and not is_part, **settings)(plain)
 
 
 @contextlib.contextmanager
@@ -76,7 +81,8 @@ def _cache_folder(configured: str) -> Path | None:
 
 
 def kernel_counts() -> tuple[int, int]:
-    """Count the kernels that have machine code, and all of those that are imported."""
+    """Count the kernels that have machine code, and all of those that are imported; parts of kernels do not count."""
     loaded = [module for name, module in sys.modules.items() if name.startswith(f"{__package__}.")]
-    kernels = {id(one): one for module in loaded for one in vars(module).values() if isinstance(one, Dispatcher)}
+    found = {id(one): one for module in loaded for one in vars(module).values() if isinstance(one, Dispatcher)}
+    kernels = {key: one for key, one in found.items() if not one.targetoptions.get(_WITHOUT_PYTHON)}
     return sum(bool(kernel.signatures) for kernel in kernels.values()), len(kernels)

@@ -47,7 +47,9 @@ def decode_rays(inputs, one, two, three, steps, first, last, out):
     unscaled, lanes = np.ones(BLOCK, np.float32), np.empty(LANES, np.float32)
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
-        block[:count] = inputs[start : start + count]
+        for pixel in range(count):
+            for column in range(columns):
+                block[pixel, column] = inputs[start + pixel, column]
         for group in range(len(one[0])):
             window_sums(1, 6, 4, block, 0, 4 * columns, 0, one[0][group], sums)
             _activate(sums, unscaled, one[1], one[2], group, hidden)
