@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.person.completion import CompletedRatio, with_unseen_detail
 from livehand.backend.person.numbers import ToneFit
-from livehand.backend.person.person_avatar import shipped_bases
 from livehand.backend.surface.atlas_texels import AtlasTexels
 from livehand.backend.surface.skin_patches import RestPoints
+from livehand.tests.person.conftest import middle_person
 
 pytestmark = pytest.mark.slow
 BACK_TO = -0.03  # m along the hand at rest, where it begins to be unseen
@@ -15,8 +14,8 @@ BACK_TO = -0.03  # m along the hand at rest, where it begins to be unseen
 
 @pytest.fixture(scope="module")
 def skin():
-    base = shipped_bases(load_default_hand()).models[0.42]
-    texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, 512)
+    base = middle_person()
+    texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, 256)
     at_rest = texels.at_texels(base.at_detail(base.hand.v_template))
     return texels, RestPoints(1000 * at_rest, texels.at_texels(base.template.normals.numpy()))
 
