@@ -21,6 +21,8 @@ import numpy as np
 from .backend.avatars.avatar import Avatar
 from .backend.avatars.file import load_avatar
 from .backend.avatars.library import avatar_path
+from .backend.contact.grasp import Grasp, Grasper, GraspOptions
+from .backend.contact.placed_solids import PlacedSolid
 from .backend.geometry.framing import fitting_camera
 from .backend.hand.gestures import FingerAxes, theta_of
 from .backend.hand.lbs import posed_vertices
@@ -43,6 +45,8 @@ from .backend.render.studio_light import studio_light
 __all__ = [
     "Camera",
     "Frame",
+    "Grasp",
+    "GraspOptions",
     "HandMotion",
     "HandPose",
     "Lamp",
@@ -108,6 +112,17 @@ class Person:
         """
         shot = Shot(pose, self.vertices(pose), camera or self.camera(pose), light)
         return self._renderer.render(shot, should_stop)
+
+    def grasp(
+        self, pose: HandPose, vertices: np.ndarray, faces: np.ndarray, options: GraspOptions | None = None
+    ) -> Grasp:
+        """Close a hand on a mesh of vertices [N, 3] m, world, and triangles [F, 3]; the result has the new pose.
+
+        Raises:
+            LiveHandError: the mesh has no faces, the palm is inside it, or no finger reaches it.
+        """
+        thing = PlacedSolid.of(np.asarray(vertices), np.asarray(faces))
+        return Grasper(self.hand, pose.beta).grasp(pose, [thing], options or GraspOptions())
 
     @cached_property
     def _renderer(self) -> Renderer:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from livehand import api
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.motion.formats.own import write_motion
@@ -51,6 +52,17 @@ def test_the_wrist_turns_the_hand_in_the_world(person):
     joint = person.hand.joints[0]
     quarter = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
     np.testing.assert_allclose(turned - joint, (still - joint) @ quarter.T, atol=1e-6)
+
+
+def test_a_hand_grasps_a_wall_before_its_palm(person):
+    """The palm of an upright hand looks to the back, +Y."""
+    pose = api.named_pose("Open")
+    palm_m = person.vertices(pose)[person.hand.arm_weights == 0][:, 1].max()
+    wall = trimesh.creation.box((0.5, 0.02, 0.5)).apply_translation((0, palm_m + 0.03, 0.1))
+    grasp = person.grasp(pose, wall.vertices, wall.faces, api.GraspOptions(("index", "middle")))
+    assert {"index", "middle"} <= set(grasp.touches)
+    reached_m = person.vertices(grasp.pose)[person.hand.arm_weights == 0][:, 1].max()
+    assert reached_m == pytest.approx(palm_m + 0.02, abs=0.001)
 
 
 def test_a_motion_is_read(tmp_path, person):

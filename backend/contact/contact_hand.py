@@ -122,7 +122,8 @@ class ContactHand:
     def points(self, vertices: np.ndarray, which: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Find points [..., P, 3] of posed vertices [..., N, 3]; `which` of them."""
         corners, shares = self.corners[which], self.shares[which]
-        return sum(vertices[..., corners[:, k], :] * shares[:, k, None] for k in range(3))
+        a, b, c = (vertices[..., corners[:, k], :] * shares[:, k, None] for k in range(3))
+        return a + b + c
 
     def normals(self, vertices: np.ndarray) -> np.ndarray:
         """Compute unit normals [P, 3] of the points of posed vertices [N, 3]."""

@@ -81,9 +81,8 @@ class OwnContactSearch:
         near = meets[((points[meets] > low) & (points[meets] < high)).all(1)]
         if not len(near):
             return OwnContacts(near, near, np.zeros((0, 3)), np.zeros(0))
-        distance, which = KDTree(points[own], balanced_tree=False, compact_nodes=False).query(
-            points[near], distance_upper_bound=_NEAR_M
-        )
+        tree = KDTree(points[own], balanced_tree=False, compact_nodes=False)
+        distance, which = (np.asarray(one) for one in tree.query(points[near], distance_upper_bound=_NEAR_M))
         is_near = np.isfinite(distance)
         near, other = near[is_near], own[which[is_near]]
         gap = np.einsum("kc,kc->k", points[near] - points[other], normals[other])

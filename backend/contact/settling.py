@@ -120,8 +120,8 @@ class Settler:
 
     def _slopes(self, posed: np.ndarray, points: np.ndarray, outward: np.ndarray) -> np.ndarray:
         """Compute [K, 21] how points move along unit vectors [K, 3], m per rad of the free angles of their digits."""
-        places = self._hand.points(posed, points)
-        along = np.einsum("bkc,kc->kb", places[1:] - places[0], outward) / _DIFFERENCE_RAD  # [K, 5]
+        at = self._hand.points(posed, points)
+        along = np.einsum("bkc,kc->kb", at[1:] - at[0], outward) / _DIFFERENCE_RAD  # [K, 5]
         return np.where(self._hand.digit[points][:, None] == _DIGIT, along[:, _SLOT], 0.0)
 
 

@@ -105,8 +105,7 @@ class _SearchedPart:
         offsets = np.einsum("pk,pkc->pc", weights, self.corners[face]) - points
         length = np.linalg.norm(offsets, axis=1)
         normal = self.normals[face, _feature(weights)]
-        is_rim = ~normal.any(1)
-        side = np.where(is_rim | (np.einsum("pc,pc->p", offsets, normal) <= 0), 1.0, -1.0)
+        side = np.where(np.einsum("pc,pc->p", offsets, normal) <= 0, 1.0, -1.0)  # a rim's normal is zero: outside
         away = -side[:, None] * offsets / np.maximum(length, 1e-12)[:, None]
         outward = np.where((length > 1e-9)[:, None], away, self.normals[face, 0])
         return Distances(side * length, outward)

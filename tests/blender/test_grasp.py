@@ -163,8 +163,8 @@ def test_a_range_is_keyed_and_the_fingers_follow_a_ball_that_wanders(hand, evalu
 def test_two_hands_clasp():
     right = posed(add_hand(bpy.context, load_default_hand()), "Relaxed")
     left = posed(add_hand(bpy.context, load_default_hand().for_side("left")), "Relaxed")
-    left.rotation_euler = (np.pi, 0, 0)
-    left.location = (0.02, -0.075, 0.0)
+    left.rotation_euler = (0, 0, np.pi)  # palm to palm, a little apart
+    left.location = (0.02, -0.09, 0.01)
     bpy.context.view_layer.update()
     before = [read_hand_pose(one, bpy.context.evaluated_depsgraph_get()).theta for one in (right, left)]
     select(right, left)

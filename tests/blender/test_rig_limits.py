@@ -10,9 +10,9 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.bones import bone_name, rest_flexion_deg, target_name
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.livehand_blender.rig.build import joint_limits_rad
 from livehand.livehand_blender.rig.fingertips import move_targets_to_fingertips
 from livehand.livehand_blender.rig.hand import RiggedHand
-from livehand.livehand_blender.rig.limits import joint_limits_rad
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 from livehand.livehand_blender.rig.sliders import write_slider
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.hand.gestures import GESTURES, FingerAxes, Gesture, sample_angles_deg, theta_of
+from livehand.backend.hand.gestures import GESTURES, FingerAxes, Gesture, angles_of, sample_angles_deg, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model_file import load_default_hand
 from scipy.spatial.transform import Rotation
@@ -18,6 +18,12 @@ def test_rest_is_zero_and_the_root_passes_through(axes):
     np.testing.assert_array_equal(theta_of(np.zeros((15, 3)), axes), np.zeros((16, 3)))
     root = np.array([0.1, -0.2, 0.3])
     np.testing.assert_array_equal(theta_of(np.zeros((15, 3)), axes, root)[0], root)
+
+
+def test_angles_come_back_from_theta(axes):
+    angles_deg = np.random.default_rng(0).uniform(-80, 80, (50, 15, 3))
+    theta = theta_of(angles_deg, axes, np.array([0.4, 0.1, -0.2]))
+    np.testing.assert_allclose(np.rad2deg(angles_of(theta, axes)), angles_deg, atol=1e-9)
 
 
 def posed(theta):

@@ -55,7 +55,7 @@ def triangle_tree(corners: np.ndarray) -> TriangleTree:
 
 
 def _along_curve(points: np.ndarray) -> np.ndarray:
-    """Number points [F, 3] along a Morton curve through their box."""
+    """Compute the numbers [F] of points [F, 3] along a Morton curve through their box."""
     low = points.min(0)
     size = max(float((points.max(0) - low).max()), 1e-12)
     cell = ((points - low) / size * ((1 << _CURVE_BITS) - 1)).astype(np.int64)
