@@ -113,9 +113,12 @@ class LiveHandRender(CyclesEngine):
         viewport_of(self).draw(self, context, depsgraph)
 
     def _cycles_at_rest(self, depsgraph: bpy.types.Depsgraph) -> contextlib.AbstractContextManager[None]:
-        """Make Cycles take one sample within, if the image of the hands is all that the view is for."""
+        """Make Cycles take one sample within, if the image of the hands is all that the view is for.
+
+        Until it is there, compiling and rendering it needs the processor.
+        """
         try:
-            is_for_hands = viewport_of(self).has_image and has_only_hands(depsgraph)
+            is_for_hands = not viewport_of(self).has_failed and has_only_hands(depsgraph)
         except LiveHandError:  # a hand without a mesh, which the view reports
             is_for_hands = False
         return one_sample(depsgraph) if is_for_hands else contextlib.nullcontext()

@@ -56,6 +56,7 @@ class Viewport:
 
     Attributes:
         has_image: whether the hands are drawn; if not, their meshes stand for them in Cycles' preview.
+        has_failed: whether they cannot be drawn; else their image is there, or comes.
     """
 
     def __init__(self, shared: ViewportShared):
@@ -66,12 +67,14 @@ class Viewport:
         self._pace = Pace()
         self._texture: ImageTexture | None = None
         self.has_image = False
+        self.has_failed = False
         self._is_empty = False  # the newest image shows no hand
         self._is_stale = True  # the scene has changed since it was read
         self._visible: tuple[VisibleHand, ...] | None = None  # of the changed scene, from its update to its reading
         self._triangles = LocalTriangles()
         self._foreground: Foreground | None = None
         self._message = ""  # the outcome of the last request, if it is not an image
+        self._has_error = False  # it is an error
         self._hint = ""  # what to do about an image that is there
 
     def update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
@@ -93,15 +96,16 @@ class Viewport:
         # Of the frames of an animation, only those are read that will be shown: one while the one before is rendered.
         if self._is_stale and not self._shared.preview.is_waiting(self):
             self._read(context, depsgraph)
-        message = self._problem
+        message, has_failed = self._problem, bool(self._problem)
         if not message:
             try:
                 message = self._draw_view(engine, context, depsgraph, read_view(context, depsgraph))
+                has_failed = self._has_error
             except Exception as error:  # raised to Blender, it would keep the engine alive, and Cycles would crash
-                message = _message_of(error)
+                message, has_failed = _message_of(error), True
         has_image = not message and (self._texture is not None or self._is_empty)
-        if has_image != self.has_image:
-            self.has_image = has_image
+        if (has_image, has_failed) != (self.has_image, self.has_failed):
+            self.has_image, self.has_failed = has_image, has_failed
             self._shared.timer.update_meshes()
         if shown := message or self._hint:
             draw_message(f"LiveHand: {shown}", free_area(context), context.preferences.system.ui_scale)
@@ -170,6 +174,7 @@ class Viewport:
             step = outcome.step
             if isinstance(step, ViewportStep) and step.moving_px is not None and outcome.value is not None:
                 self._pace.record(step.moving_px, outcome.seconds)
+            self._has_error = outcome.error is not None
             self._message = _message_of(outcome.error) if outcome.error else ""
             self._texture = ImageTexture(outcome.value) if outcome.value else None
             self._is_empty = not outcome.error and not outcome.value

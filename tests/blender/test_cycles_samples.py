@@ -1,8 +1,11 @@
 """Cycles takes one sample in a context, and nothing is tagged as changed."""
 
+from types import SimpleNamespace
+
 import bpy
 import pytest
 from livehand.livehand_blender.render.cycles import has_only_hands, one_sample
+from livehand.livehand_blender.render.engine import LiveHandRender
 
 DEFAULT = 1024
 
@@ -60,3 +63,13 @@ def test_only_hands_are_wanted_or_there(hand_scene):
     assert only_hands()
     table.show_instancer_for_viewport = True
     assert not only_hands()
+
+
+@pytest.mark.parametrize("has_failed", [False, True])
+def test_cycles_rests_until_there_is_an_image_unless_there_will_be_none(hand_scene, has_failed):
+    """Its path tracing took more of a new user's processor than the kernels that the first picture waits for."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    engine = SimpleNamespace(viewport=SimpleNamespace(has_image=False, has_failed=has_failed))
+    with LiveHandRender._cycles_at_rest(engine, depsgraph):
+        assert depsgraph.scene_eval.cycles.preview_samples == (DEFAULT if has_failed else 1)
+    assert depsgraph.scene_eval.cycles.preview_samples == DEFAULT

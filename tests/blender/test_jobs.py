@@ -2,7 +2,6 @@
 
 from types import SimpleNamespace
 
-import bpy
 import pytest
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.system.child_job import JobProgress
@@ -78,12 +77,19 @@ def window(monkeypatch):
 def test_the_window_goes_on_until_the_job_has_ended(window):
     operator = Operator(FakeJob())
     assert operator.execute(window.context) == {"RUNNING_MODAL"}
+    assert window.handlers == [operator]
     assert operator.modal(window.context, TICK) == {"PASS_THROUGH"}
-    assert operator.modal(window.context, SimpleNamespace(type="MOUSEMOVE", value="NOTHING")) == {"PASS_THROUGH"}
     layout = Layout()
     window.status[-1](SimpleNamespace(layout=layout), window.context)
     assert layout.drawn == ["Cancel", (0.25, "Import: frame 3 of 12")]
+    operator.job.progress = JobProgress("fetching")
+    operator.modal(window.context, TICK)
+    window.status[-1](SimpleNamespace(layout=layout), window.context)
+    assert layout.drawn[2:] == ["Cancel", "Import: fetching"]
     operator.job.is_running = False
+    for event in (("MOUSEMOVE", "NOTHING"), ("ESC", "RELEASE")):  # of the key that closed something else
+        other = SimpleNamespace(type=event[0], value=event[1])
+        assert operator.modal(window.context, other) == {"PASS_THROUGH"}
     assert operator.modal(window.context, TICK) == {"FINISHED"}
     assert (operator.taken, window.timers, window.status[-1]) == ([operator.job], [], None)
 
@@ -110,10 +116,15 @@ def test_errors_are_reported(window, error):
     assert window.timers == []
 
 
-def test_without_a_window_it_waits():
-    operator = Operator(FakeJob())
-    assert operator.execute(bpy.context) == {"FINISHED"}
-    assert operator.taken == [operator.job]
+def test_without_a_window_it_waits(window):
+    """In the background, and in a script of a window's Blender, whose context has none after a file was opened."""
+    window.context.window = None
+    for is_background in (True, False):
+        jobs.bpy.app.background = is_background
+        operator = Operator(FakeJob())
+        assert operator.execute(window.context) == {"FINISHED"}
+        assert not operator.job.is_running
+        assert operator.taken == [operator.job]
 
 
 def test_a_film_that_is_canceled_leaves_no_file(monkeypatch, tmp_path):

@@ -249,17 +249,18 @@ def test_what_stands_before_the_hand_hides_it(drawn, context, shared):
 
 def test_the_mesh_stands_for_the_hand_until_there_is_an_image_and_where_it_cannot_be_rendered(drawn, context, shared):
     viewport, engine, tagged = Viewport(shared), Engine(), []
-    shared.timer.update_meshes = lambda: tagged.append(viewport.has_image)
+    shared.timer.update_meshes = lambda: tagged.append((viewport.has_image, viewport.has_failed))
     depsgraph = bpy.context.evaluated_depsgraph_get()
     viewport.update(context, depsgraph)
     drawn(lambda: viewport.draw(engine, context, depsgraph))
     assert not viewport.has_image
+    assert not viewport.has_failed
     drawn(lambda: show(viewport, engine, context, shared))
     assert viewport.has_image
     broken_hand(context)
     viewport.update(context, depsgraph)
     drawn(lambda: viewport.draw(engine, context, depsgraph))
-    assert tagged == [True, False]
+    assert tagged == [(True, False), (False, True)]
 
 
 @pytest.fixture
@@ -387,8 +388,10 @@ def broken_hand(context):
 )
 def test_errors_are_shown_in_the_view(drawn, context, shared, messages, spoil, words):
     spoil(context)
-    pixels = drawn(lambda: show(Viewport(shared), Engine(), context, shared))
+    viewport = Viewport(shared)
+    pixels = drawn(lambda: show(viewport, Engine(), context, shared))
     assert words in messages[-1]
+    assert viewport.has_failed
     assert np.all(pixels[..., :3] == GROUND)
 
 

@@ -60,6 +60,23 @@ def test_a_job_is_canceled_in_the_middle():
         job.result()
 
 
+def test_files_of_the_current_folder_are_not_run(monkeypatch, tmp_path):
+    """Blender may be started where a project has a json.py of its own."""
+    (tmp_path / "backend").mkdir()
+    for package in (tmp_path, tmp_path / "backend"):
+        (package / "__init__.py").write_text("")
+    lines = "import colorsys, json", "def run():", "    print(json.dumps({'black': colorsys.rgb_to_hsv(0, 0, 0)[2]}))"
+    (tmp_path / "backend" / "painter.py").write_text("\n".join(lines))
+    for shadow in ("json.py", "colorsys.py"):
+        (tmp_path / shadow).write_text("raise SystemExit(9)")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", ["", *sys.path])
+    monkeypatch.setattr(child_job, "_ROOT", tmp_path)
+    job = ChildJob.start("painting", "painter", None)
+    job.wait()
+    assert job.result() == {"black": 0}
+
+
 @pytest.mark.parametrize("package", ["livehand", "bl_ext.user_default.livehand"])
 def test_the_package_has_its_name_in_the_process(monkeypatch, tmp_path, package):
     """Compiled kernels are kept by it: another name would compile all of them again."""

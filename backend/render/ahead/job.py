@@ -38,7 +38,7 @@ def run() -> None:
 def _prepared(request: list[int] | None, report: Report) -> Mapping[str, Any]:
     began = time.perf_counter()
     gc.disable()  # compilers make many objects that live long: looking for dead ones takes a tenth of the time
-    if request == LAST_REQUEST:
+    if request is None:
         give_way()  # first pictures are rendered beside it
         prepare_kernels(shipped_avatar_path())
     else:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ...records.shot import Shot
     from ..renderer import Renderer
 
-_SIDE_PX = 64
+_SIDE_PX = 32
 
 
 class Prepared(NamedTuple):
@@ -58,7 +58,8 @@ def prepare_share(avatar_path: Path, number: int, count: int) -> None:
 
     avatar, hand, backend = load_avatar(avatar_path), load_default_hand(), share_of_backend(number, count)
     has_skin_detail = isinstance(backend, SurfaceKernels)  # for the others it would be made in vain
-    _render_small(Renderer(avatar, hand, "cpu", backend=backend, has_skin_detail=has_skin_detail), hand)
+    renderer = Renderer(avatar, hand, "cpu", backend=backend, has_skin_detail=has_skin_detail)
+    renderer.render(_shots(hand)[0])  # the others need no more of these, and the reference is slow
 
 
 def _render_small(renderer: Renderer, hand: HandModel) -> None:
