@@ -4,8 +4,8 @@ The fit is a maximum a posteriori estimate: landmarks have a normal error, free 
 and hard limits, and all frames share one shape. It alternates between the poses of all frames, by Levenberg-Marquardt,
 and the shape, by linear least squares. If the scale of the landmarks is unknown, it is removed first.
 
-Landmarks onto which the hand can be brought to a hundredth of a millimetre are no tracker's but of a hand model: natural
-poses say nothing of them then, and the pose is theirs.
+Landmarks onto which the hand can be brought to a hundredth of a millimetre are no tracker's but a hand model's:
+natural poses say nothing then, and the pose is theirs.
 """
 
 from __future__ import annotations
