@@ -82,20 +82,20 @@ class SplatSequence(NamedTuple):
         files: a frame each.
         held_out_db: [frames] mean PSNR of the views that were held out.
         least_db: of all these views.
-        count: of the splats in the last file.
+        size: splats in the last file.
     """
 
     files: tuple[Path, ...]
     held_out_db: np.ndarray
     least_db: float
-    count: int
+    size: int
 
     @property
     def summary(self) -> str:
         """A line for people."""
         files = str(self.files[0]) if len(self.files) == 1 else f"{self.files[0]} to {self.files[-1].name}"
         mean = f"{self.held_out_db.mean():.1f} dB in views that were held out (least {self.least_db:.1f})"
-        return f"{files}: {self.count} splats, {mean}"
+        return f"{files}: {self.size} splats, {mean}"
 
 
 def frame_path(path: Path, frame: int, is_alone: bool) -> Path:
