@@ -114,7 +114,7 @@ def _splat_frames(args: argparse.Namespace) -> export_splats.Frames:
     """Read the hands of a .blend's scene in its frames and its light."""
     import bpy
 
-    from .render.splat_frames import lit_frames
+    from .render.frame_setup import lit_frames
     from .rigs.character_file import open_blend
 
     for value, option in ((args.fps, "--fps"), (args.hand, "--hand"), (args.avatar, "--avatar")):

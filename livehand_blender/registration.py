@@ -30,11 +30,11 @@ from .ui import (
     posing,
     preferences,
     shape,
-    splats,
     studio,
     video,
 )
 from .ui import rigs as retarget
+from .ui.export import splats
 
 CLASSES = (
     *properties.CLASSES,

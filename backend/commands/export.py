@@ -95,7 +95,7 @@ def run(
         raise LiveHandError(f"--texture-size must be at most {_MOST_TEXTURE_PX} px, got {args.texture_size}")
     take = read(args)
     basis = find_basis(args.mano, args.hand) if args.from_mean else None
-    avatars = dict.fromkeys(SIDES, args.avatar) if args.avatar else {}
+    avatars: dict[Side, Path] = {side: args.avatar for side in SIDES} if args.avatar else {}
     options = WriteOptions(args.from_mean, basis, avatars, args.texture_size)
     losses = writer.write(take, args.output, options)
     for loss in losses:

@@ -59,7 +59,7 @@ def run(args: argparse.Namespace, frames: Callable[[argparse.Namespace], Frames]
         "output": [str(file) for file in written.files],
         "format": FORMAT,
         "frames": len(written.files),
-        "splats": written.count,
+        "splats": written.size,
         "held_out_db": [round(float(value), 2) for value in written.held_out_db],
         "least_db": round(written.least_db, 2),
         "summary": written.summary,

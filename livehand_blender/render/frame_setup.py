@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import bpy
@@ -20,16 +20,18 @@ from ...backend.render.splats.lit_hand import LitHand
 from ..hands.shot import hand_vertices, read_shot
 from ..hands.visible_hands import InstanceId, VisibleHand, hands_at, visible_hands
 from ..light.light import read_hand_lights
+from ..motion.frames import current_frame_restored
 from ..rig.hand import all_hands
 from ..scene.camera import Eye, read_camera, render_region
 from .cycles import is_in_scene
-from .hand_source import HandSource, hand_source, load_for, read_device, read_grade
+from .hand_source import HandSource, hand_source, load_for, load_renderer_in_blender, read_device, read_grade
 from .light_groups import light_groups
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
 from .picture_origin import read_payload
 
 LOGGER = logging.getLogger(__name__)
 
+_ANY_CAMERA = Camera(np.eye(3), np.eye(4), (64, 64))
 _Pair = tuple[HandInstance, VisibleHand]
 """A hand of the frame's tasks, and the same hand in the scene."""
 
@@ -190,7 +192,27 @@ def read_frame_task(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgra
     return _read_task(engine, depsgraph, pairs, _read_lights(depsgraph, pairs), is_stereo=False)
 
 
-def read_lit_hands(depsgraph: bpy.types.Depsgraph, session: Session, camera: Camera) -> tuple[LitHand, ...]:
+def lit_frames(
+    context: bpy.types.Context, frames: Iterable[int], is_chosen: Callable[[LitHand], bool]
+) -> dict[int, tuple[LitHand, ...]]:
+    """Read the chosen hands of the scene in frames, by number; their renderers are loaded.
+
+    Raises:
+        LiveHandError: there is no frame, a frame has no such hand, or a hand or an avatar is at fault.
+    """
+    session, scene, found = Session(load_renderer_in_blender), context.scene, {}
+    with current_frame_restored(scene):
+        for frame in frames:
+            scene.frame_set(frame)
+            hands = _read_lit_hands(context.evaluated_depsgraph_get(), session, _ANY_CAMERA)
+            found[frame] = tuple(hand for hand in hands if is_chosen(hand))
+    if not found or not all(found.values()):
+        missing = [frame for frame, hands in found.items() if not hands]
+        raise LiveHandError(f"splats need a visible hand in every frame, got none in {missing[:5] or 'an empty range'}")
+    return found
+
+
+def _read_lit_hands(depsgraph: bpy.types.Depsgraph, session: Session, camera: Camera) -> tuple[LitHand, ...]:
     """Read the hands of the depsgraph's frame, in its light; raises as `read_frame_setup`."""
     hands = VisibleHands.read(depsgraph)
     pairs = tuple(zip(hands.instances(depsgraph, session), hands.visible, strict=True))

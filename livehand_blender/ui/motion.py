@@ -21,6 +21,7 @@ from ...backend.motion.mano_basis import find_basis
 from ...backend.motion.writers.registry import choose_writer
 from ...backend.motion.writers.writer import WriteOptions
 from ...backend.records.errors import LiveHandError
+from ...backend.records.side import Side
 from ...backend.rigs.rig_suffixes import RIG_SUFFIXES
 from ..motion.filmed import key_take
 from ..motion.keying import Placement, key_motion, sample_motion
@@ -257,7 +258,8 @@ class LIVEHAND_OT_export_take(OnHand, FrameRange, bpy.types.Operator, ExportHelp
         basis = find_basis(mano_path, active.model_path) if self.from_mean else None
         take = sample_take(context, hands, self.frames(context.scene))
         has_skin = self.has_skin and writer.name in _WITH_MESH
-        avatars = {hand.side: hand_source(hand.armature).avatar_path for hand in hands} if has_skin else {}
+        wearing = hands if has_skin else []
+        avatars: dict[Side, Path] = {hand.side: hand_source(hand.armature).avatar_path for hand in wearing}
         options = WriteOptions(self.from_mean and writer.name == "mano", basis, avatars, self.texture_px)
         losses = writer.write(take, path, options)
         if losses:

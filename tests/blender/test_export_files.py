@@ -9,7 +9,8 @@ from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.motion.spaces import rest_wrists
-from livehand.backend.motion.writers.posed_joints import pose_joints
+from livehand.backend.motion.writers.posed_joints import JOINT_NODES, pose_joints
+from livehand.backend.motion.writers.skeleton import bone_names
 from livehand.backend.motion.writers.take import Take, TakenHand, take_of
 from livehand.backend.motion.writers.writer import WriteOptions
 from livehand.backend.records.errors import LiveHandError
@@ -116,6 +117,26 @@ def test_usd_holds_the_joints_and_their_times(tmp_path):
             bone = next(bone for bone in armature.pose.bones if bone.name.endswith(name))
             place = np.array(armature.matrix_world @ bone.head)
             np.testing.assert_allclose(place, wanted[frame, node], atol=MOST_M)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_blenders_importer_of_usd_gives_the_joints_back(tmp_path, side):
+    """LiveHand reads no USD: every joint's place, and how it has turned since the first frame."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    sent = taken(side)
+    bpy.ops.wm.usd_import(filepath=str(written("usd", Take((sent,), FPS), tmp_path)))
+    (armature,) = (thing for thing in bpy.context.scene.objects if thing.type == "ARMATURE")
+    places, turns = [], []
+    for frame in range(len(sent.motion)):
+        bpy.context.scene.frame_set(frame)
+        bones = [armature.matrix_world @ armature.pose.bones[name].matrix for name in bone_names(side)[:16]]
+        places.append([bone.translation for bone in bones])
+        turns.append([bone.to_3x3().normalized() for bone in bones])
+    wanted, turns = pose_joints(sent.motion, sent.own_model), np.array(turns, np.float64)
+    np.testing.assert_allclose(places, wanted.nodes[:, list(JOINT_NODES)], atol=1e-5)
+    found, sent_turns = (one @ one[:1].swapaxes(-1, -2) for one in (turns, wanted.rotations))
+    apart = matrix_to_axis_angle(found.swapaxes(-1, -2) @ sent_turns)
+    assert np.rad2deg(np.linalg.norm(apart, axis=-1)).max() < MOST_DEG
 
 
 def test_a_hand_is_sampled_where_it_is_in_the_world(model):

@@ -3,6 +3,9 @@
 The fit is a maximum a posteriori estimate: landmarks have a normal error, free angles the distribution of natural poses
 and hard limits, and all frames share one shape. It alternates between the poses of all frames, by Levenberg-Marquardt,
 and the shape, by linear least squares. If the scale of the landmarks is unknown, it is removed first.
+
+Landmarks onto which the hand can be brought to a hundredth of a millimetre are no tracker's but a hand model's:
+natural poses say nothing then, and the pose is theirs.
 """
 
 from __future__ import annotations
@@ -28,6 +31,8 @@ _FRAMES_AT_ONCE = 500  # bounds memory
 _FRAMES_FOR_SIDE = 40  # used to find out which hand it is
 _SCALES = (0.4, 2.5)
 _FARTHEST_M = 10.0  # from the wrist, that a tracker may err
+_FRAMES_FOR_EXACT = 12  # tried first
+_EXACT_RMS_M = 1e-5
 _COLUMNS = np.concatenate([np.arange(6), 6 + FREE])
 
 
@@ -47,6 +52,7 @@ METRIC = LandmarkNoise(0.004, fits_scale=False)
 """Of a tracker that measures distances."""
 MONOCULAR = LandmarkNoise(0.008, fits_scale=True)
 """Of a tracker that estimates depth and size from one image, as MediaPipe does."""
+_EXACT = LandmarkNoise(1e-5, fits_scale=False)
 
 
 @dataclass(frozen=True)
@@ -95,20 +101,28 @@ def fit_landmarks(
     nodes = np.empty_like(points)
     nodes[:, NODES_OF_LANDMARKS] = points if side == "right" else points * MIRROR_POINT
     skeleton = HandSkeleton.of(model)
-    scale, beta, natural = _scale(nodes, skeleton), np.zeros(10), NaturalPoses.of_gestures()
+    scale = _scale(nodes, skeleton)
     _check_reach(nodes)
+    some = nodes[:: max(1, len(nodes) // _FRAMES_FOR_EXACT)]
+    if _fit(some, skeleton, _EXACT)[2] < _EXACT_RMS_M:
+        noise = _EXACT
     if not noise.fits_scale:
         scale = 1.0
-    nodes = _without_scale(nodes, scale)
+    poses, beta, rms_m = _fit(_without_scale(nodes, scale), skeleton, noise)
+    motion = _motion(poses, skeleton, beta, fps)
+    return LandmarkFit(motion if side == "right" else mirrored(motion), scale, rms_m)
+
+
+def _fit(nodes: np.ndarray, skeleton: HandSkeleton, noise: LandmarkNoise) -> tuple[_Poses, np.ndarray, float]:
+    """Fit poses and beta [10] to nodes [T, 21, 3] m of the hand's scale; the last is the root mean square distance."""
+    beta, natural = np.zeros(10), NaturalPoses.of_gestures()
     poses = _initial_poses(nodes, skeleton, beta)
     for _ in range(_ROUNDS):
         poses = _refined(poses, nodes, skeleton, beta, natural, noise)
         beta = _fitted_beta(poses, nodes, skeleton, noise)
     poses = _refined(poses, nodes, skeleton, beta, natural, noise)
     posed = skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), skeleton.offsets(beta))
-    rms_m = float(np.sqrt(((posed.nodes - nodes) ** 2).sum(-1).mean()))
-    motion = _motion(poses, skeleton, beta, fps)
-    return LandmarkFit(motion if side == "right" else mirrored(motion), scale, rms_m)
+    return poses, beta, float(np.sqrt(((posed.nodes - nodes) ** 2).sum(-1).mean()))
 
 
 def likelier_side(points: np.ndarray, model: HandModel) -> Side:

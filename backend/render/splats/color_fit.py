@@ -55,7 +55,7 @@ class ColorFit:
             iterations: of conjugate gradients.
         """
         found = self._means() if start is None else start.astype(np.float32)
-        damping = np.repeat(np.float32(_DAMPING), [2 * degree + 1 for degree in range(DEGREE + 1)])[:, None]
+        damping = np.repeat(np.array(_DAMPING, np.float32), [2 * degree + 1 for degree in range(DEGREE + 1)])[:, None]
         inverse = np.linalg.inv(self._blocks() + np.diag(damping[:, 0]))
         residual = self._gathered(
             target - shown for target, shown in zip(self._targets, self._shown(found), strict=True)
@@ -75,8 +75,10 @@ class ColorFit:
 
     def _means(self) -> np.ndarray:
         """Return harmonics of each splat's mean colour, and of the mean of all for those that no view shows."""
-        given = sum(weights.T @ target for weights, target in zip(self._weights, self._targets, strict=True))
-        total = sum(weights.T @ np.asarray(weights.sum(1)) for weights in self._weights)
+        given, total = np.zeros((len(self._splats), 3)), np.zeros((len(self._splats), 1))
+        for weights, target in zip(self._weights, self._targets, strict=True):
+            given += weights.T @ target
+            total += weights.T @ np.asarray(weights.sum(1))
         mean = np.where(total > _LEAST_SUM, given / np.maximum(total, _LEAST_SUM), given.sum(0) / total.sum())
         found = np.zeros((len(self._splats), (DEGREE + 1) ** 2, 3), np.float32)
         found[:, 0] = mean / self._bases[0][0, 0]

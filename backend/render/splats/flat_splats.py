@@ -6,6 +6,7 @@ import numpy as np
 
 from ...geometry.mesh_tables import area_weighted_normals
 from ...geometry.rotation import matrix_to_quaternion
+from ...geometry.spread_points import SpreadPoints, spread_points
 from ...records.errors import LiveHandError
 from ...records.shot import Shot
 from ..albedo import atlas_albedo
@@ -13,7 +14,6 @@ from ..frame_task import HandRenderer
 from ..relightable import RelightablePipeline
 from ..renderer import Renderer
 from .gaussians import Splats
-from .surface_points import SurfacePoints, spread_points
 
 _WIDTH, _THICKNESS = 0.8, 0.08  # of the distance between neighbours
 _OPACITY = 0.98
@@ -21,7 +21,7 @@ _INWARD = 0.45  # of the distance between neighbours: else outlines, where many 
 _ALBEDO_PX = 1024
 
 
-class HandSurface:
+class SplatGround:
     """The surface of a hand as a renderer shows it, with points on it that stay where they are on the skin.
 
     Args:
@@ -44,7 +44,7 @@ class HandSurface:
         if pipeline.surface is not None:
             template = pipeline.surface.levels(side).finest
             self._faces, corner_uv = template.faces.cpu().numpy(), template.corner_uv.cpu().numpy()
-        self.points: SurfacePoints = spread_points(self._vertices(shot), self._faces, count)
+        self.points: SpreadPoints = spread_points(self._vertices(shot), self._faces, count)
         atlas = atlas_albedo(renderer.avatar, renderer.hand.for_side("right"), _ALBEDO_PX, side)
         column, row = (self.points.at(corner_uv) * _ALBEDO_PX).astype(int).clip(0, _ALBEDO_PX - 1).T
         self._albedo = atlas[row, column]

@@ -9,6 +9,7 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_arrays
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
+from livehand.backend.hand.poses import POSES
 from livehand.backend.motion.document import load_document
 from livehand.backend.motion.files.open_files import open_motion_file
 from livehand.backend.motion.landmarks.landmark_file import read_landmarks
@@ -82,6 +83,20 @@ def test_a_motion_comes_back(hand, tmp_path, name, side):
         np.testing.assert_allclose(back.transl, sent.transl, atol=MOST_M)
     if name in ("livehand", "csv"):
         assert apart_deg(back.forearms, sent.forearms).max() < MOST_DEG
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_angles_of_exact_landmarks_come_back(hand, tmp_path, side):
+    """Of the mean shape, and what points tell: fingers that bend and spread, the thumb's base that twists."""
+    axes, mirror = FingerAxes.of_default_hand(), 1 if side == "right" else MIRROR_AXIS_ANGLE
+    theta = np.array([theta_of(pose.gesture.angles_deg(), axes) for pose in POSES.values()]) * mirror
+    theta[:, 0] = np.random.default_rng(1).normal(size=(len(theta), 3))
+    sent = HandMotion(theta, np.zeros(10), np.zeros((len(theta), 3)), FPS, side)
+    path, _ = written("mediapipe", Take((TakenHand(sent, hand),), FPS), tmp_path)
+    file = open_motion_file(path)
+    back = file.motion(hand)
+    world = transformed(back, to_blender(file.info.space), rest_wrists(hand.for_side(side), back.betas))
+    assert apart_deg(world.theta, theta).max() < MOST_DEG
 
 
 @pytest.mark.parametrize("name", ["smplx", "openxr", "csv"])

@@ -5,9 +5,9 @@ import pytest
 from livehand.backend.geometry.framing import fitting_camera
 from livehand.backend.geometry.rotation import axis_angle_to_quaternion
 from livehand.backend.render.splats.color_fit import ColorFit
-from livehand.backend.render.splats.fitted_hand import psnr_db
 from livehand.backend.render.splats.gaussians import Splats
 from livehand.backend.render.splats.lit_views import LitView, directions
+from livehand.backend.render.splats.sequence import psnr_db
 from livehand.backend.render.splats.splat_raster import rasterised
 
 COUNT = 200

@@ -11,7 +11,7 @@ _CANDIDATES = 6  # for each point
 _PACKED = 0.44  # share of the area that discs of half the distance cover, when no candidate fits between
 
 
-class SurfacePoints(NamedTuple):
+class SpreadPoints(NamedTuple):
     """N points: faces [N], barycentric weights [N, 3], and the least distance between two where they were spread, m."""
 
     face: np.ndarray
@@ -23,7 +23,7 @@ class SurfacePoints(NamedTuple):
         return (corner_values[self.face] * self.weights[..., None]).sum(1)
 
 
-def spread_points(vertices: np.ndarray, faces: np.ndarray, count: int, seed: int = 0) -> SurfacePoints:
+def spread_points(vertices: np.ndarray, faces: np.ndarray, count: int, seed: int = 0) -> SpreadPoints:
     """Spread about `count` points over a mesh [V, 3] m, [M, 3], none closer to another on the same side of it.
 
     Of random candidates in random order each is taken that no taken one is close to (Luby 1986: in parallel).
@@ -36,11 +36,11 @@ def spread_points(vertices: np.ndarray, faces: np.ndarray, count: int, seed: int
     face = rng.choice(len(faces), _CANDIDATES * count, p=area / area.sum())
     u, v = np.sqrt(rng.random(len(face))), rng.random(len(face))
     weights = np.stack([1 - u, u * (1 - v), u * v], 1)
-    candidates = SurfacePoints(face, weights, spacing_m)
+    candidates = SpreadPoints(face, weights, spacing_m)
     pairs = KDTree(candidates.at(corners)).query_pairs(spacing_m, output_type="ndarray")
     same_side = (normals[face[pairs[:, 0]]] * normals[face[pairs[:, 1]]]).sum(1) > 0
     taken = _first_of_neighbours(len(face), pairs[same_side])
-    return SurfacePoints(face[taken], weights[taken], spacing_m)
+    return SpreadPoints(face[taken], weights[taken], spacing_m)
 
 
 def _first_of_neighbours(count: int, pairs: np.ndarray) -> np.ndarray:

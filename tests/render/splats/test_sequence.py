@@ -10,9 +10,9 @@ from livehand.backend.image.grade import Grade
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import Shot
 from livehand.backend.render.progress import RenderStopped
-from livehand.backend.render.splats.fitted_hand import SplatFitter
-from livehand.backend.render.splats.flat_splats import HandSurface
+from livehand.backend.render.splats.flat_splats import SplatGround
 from livehand.backend.render.splats.lit_hand import LitHand, SplatOptions
+from livehand.backend.render.splats.sequence import SplatFitter
 from scipy.spatial import KDTree
 
 SMALL = SplatOptions(count=3000, views=12, size_px=128)
@@ -31,7 +31,7 @@ def relaxed():
 
 
 def test_splats_lie_flat_below_the_surface(relaxed):
-    splats = HandSurface(relaxed.renderer, relaxed.shot, 3000).flat_splats(relaxed.shot, np.eye(3))
+    splats = SplatGround(relaxed.renderer, relaxed.shot, 3000).flat_splats(relaxed.shot, np.eye(3))
     surface = relaxed.renderer.posed_surface(relaxed.shot)
     distance, nearest = KDTree(surface.vertices).query(splats.positions)
     assert distance.max() < 0.004

@@ -1,7 +1,7 @@
 """Points spread over a mesh."""
 
 import numpy as np
-from livehand.backend.render.splats.surface_points import spread_points
+from livehand.backend.geometry.spread_points import spread_points
 from scipy.spatial import KDTree
 from trimesh.creation import icosphere
 

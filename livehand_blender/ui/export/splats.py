@@ -8,11 +8,11 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ...backend.render.splats.lit_hand import LitHand, SplatOptions
-from ...backend.system.thread_job import ThreadJob
-from ..render.splat_frames import lit_frames
-from .jobs import RunsJob
-from .mixins import FrameRange, OnHand, polled_hand
+from ....backend.render.splats.lit_hand import LitHand, SplatOptions
+from ....backend.system.thread_job import ThreadJob
+from ...render.frame_setup import lit_frames
+from ..jobs import RunsJob
+from ..mixins import FrameRange, OnHand, polled_hand
 
 _FORMATS = (
     (".ply", "PLY", "As viewers and editors of splats read it; Y down"),
@@ -73,7 +73,7 @@ class LIVEHAND_OT_export_splats(OnHand, RunsJob, FrameRange, bpy.types.Operator,
 
         frames = lit_frames(context, numbers, is_chosen)
         path = Path(bpy.path.abspath(self.filepath))
-        from ...backend.render.splats.sequence import write_sequence  # torch, which may be missing until here
+        from ....backend.render.splats.sequence import write_sequence  # torch, which may be missing until here
 
         return ThreadJob(
             "splats", lambda report, should_stop: write_sequence(frames, path, options, report, should_stop)
