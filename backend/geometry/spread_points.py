@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
 
 _CANDIDATES = 6  # for each point
 _PACKED = 0.44  # share of the area that discs of half the distance cover, when no candidate fits between
@@ -37,10 +37,31 @@ def spread_points(vertices: np.ndarray, faces: np.ndarray, count: int, seed: int
     u, v = np.sqrt(rng.random(len(face))), rng.random(len(face))
     weights = np.stack([1 - u, u * (1 - v), u * v], 1)
     candidates = SpreadPoints(face, weights, spacing_m)
-    pairs = KDTree(candidates.at(corners)).query_pairs(spacing_m, output_type="ndarray")
+    pairs = _close_pairs(candidates.at(corners), spacing_m)
     same_side = (normals[face[pairs[:, 0]]] * normals[face[pairs[:, 1]]]).sum(1) > 0
     taken = _first_of_neighbours(len(face), pairs[same_side])
     return SpreadPoints(face[taken], weights[taken], spacing_m)
+
+
+def _close_pairs(points: np.ndarray, distance: float) -> np.ndarray:
+    """Find all pairs [K, 2] of points [N, 3] that are no farther apart, each once: by cells of that width."""
+    cell = np.floor((points - points.min(0)) / distance).astype(np.int64) + 1
+    strides = np.array([(cell[:, 1].max() + 2) * (cell[:, 2].max() + 2), cell[:, 2].max() + 2, 1])
+    key = cell @ strides
+    order = np.argsort(key, kind="stable")
+    key, points = key[order], points[order]
+    found = []
+    for beside in product((-1, 0, 1), repeat=3):
+        step = int(np.dot(beside, strides))
+        if step < 0:  # that pair is found from the other cell
+            continue
+        first = np.searchsorted(key, key + step, "left") if step else np.arange(1, len(key) + 1)
+        count = np.searchsorted(key, key + step, "right") - first
+        one = np.repeat(np.arange(len(key)), count)
+        other = np.arange(len(one)) - np.repeat(np.cumsum(count) - count, count) + first[one]
+        is_close = ((points[one] - points[other]) ** 2).sum(1) <= distance**2
+        found.append(np.stack([one[is_close], other[is_close]], 1))
+    return order[np.concatenate(found)]
 
 
 def _first_of_neighbours(count: int, pairs: np.ndarray) -> np.ndarray:

@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from ...records.camera import Camera
 from .gaussians import DEGREE, MIDDLE, Splats, harmonic_basis
 from .lit_views import LitView
-from .splat_raster import splat_weights
+from .splat_raster import SplatWeights, splat_weights
 
 ITERATIONS = 8
 _LEAST_WEIGHT = 1e-3  # smaller ones are left out, which most are
@@ -33,18 +32,16 @@ class ColorFit:
 
     def __init__(self, splats: Splats):
         self._splats = splats
-        self._weights: list[csr_matrix] = []
+        self._weights: list[SplatWeights] = []
         self._bases: list[np.ndarray] = []
         self._targets: list[np.ndarray] = []
 
     def add(self, view: LitView) -> None:
         """Add a view's picture to what is fitted."""
-        weights = splat_weights(self._splats, view.camera)
-        weights.data[weights.data < _LEAST_WEIGHT] = 0
-        weights.eliminate_zeros()
+        weights = splat_weights(self._splats, view.camera).pruned(_LEAST_WEIGHT)
         self._weights.append(weights)
         self._bases.append(_basis(self._splats, view.camera))
-        opacity = np.asarray(weights.sum(1), np.float32)
+        opacity = weights.shown(np.ones((len(self._splats), 1)))
         self._targets.append(view.picture[..., :3].reshape(-1, 3).astype(np.float32) - MIDDLE * opacity)
 
     def solved(self, start: np.ndarray | None = None, iterations: int = ITERATIONS) -> np.ndarray:
@@ -77,8 +74,8 @@ class ColorFit:
         """Return harmonics of each splat's mean colour, and of the mean of all for those that no view shows."""
         given, total = np.zeros((len(self._splats), 3)), np.zeros((len(self._splats), 1))
         for weights, target in zip(self._weights, self._targets, strict=True):
-            given += weights.T @ target
-            total += weights.T @ np.asarray(weights.sum(1))
+            given += weights.gathered(target)
+            total += weights.gathered(weights.shown(np.ones((len(self._splats), 1))))
         mean = np.where(total > _LEAST_SUM, given / np.maximum(total, _LEAST_SUM), given.sum(0) / total.sum())
         found = np.zeros((len(self._splats), (DEGREE + 1) ** 2, 3), np.float32)
         found[:, 0] = mean / self._bases[0][0, 0]
@@ -89,20 +86,20 @@ class ColorFit:
         size = (DEGREE + 1) ** 2
         blocks = np.zeros((len(self._splats), size, size), np.float32)
         for weights, basis in zip(self._weights, self._bases, strict=True):
-            squared = np.asarray(weights.power(2).sum(0)).ravel()
-            blocks += (squared[:, None] * basis)[:, :, None] * basis[:, None]
+            squared = weights.squared().gathered(np.ones((weights.pixels, 1)))
+            blocks += (squared * basis)[:, :, None] * basis[:, None]
         return blocks
 
     def _shown(self, harmonics: np.ndarray) -> Iterator[np.ndarray]:
         """Yield what each view shows of harmonics [N, 16, 3]: [H * W, 3]."""
         for weights, basis in zip(self._weights, self._bases, strict=True):
-            yield weights @ (basis[:, None] @ harmonics)[:, 0]
+            yield weights.shown((basis[:, None] @ harmonics)[:, 0])
 
     def _gathered(self, pictures: Iterable[np.ndarray]) -> np.ndarray:
         """Gather pictures of all views onto the harmonics, the transpose of `_shown`."""
         total = np.zeros((len(self._splats), (DEGREE + 1) ** 2, 3), np.float32)
         for weights, basis, picture in zip(self._weights, self._bases, pictures, strict=True):
-            total += basis[:, :, None] * (weights.T @ picture)[:, None]
+            total += basis[:, :, None] * weights.gathered(picture)[:, None]
         return total
 
 

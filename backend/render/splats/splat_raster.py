@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from scipy.sparse import csr_matrix
 from torch import Tensor
 
 from ...records.camera import Camera
@@ -24,6 +23,46 @@ _LEAST_TRANSMITTANCE = 1e-4
 _NEAR_M = 0.01
 
 
+class SplatWeights(NamedTuple):
+    """How much each of N splats gives to each of P pixels, in K entries: what both are about is linear in these.
+
+    Attributes:
+        pixel: [K] int32, rows of pixels from the top.
+        splat: [K] int32.
+        weight: [K] float32; those of a pixel sum to its opacity.
+        pixels: P.
+        splats: N.
+    """
+
+    pixel: Tensor
+    splat: Tensor
+    weight: Tensor
+    pixels: int
+    splats: int
+
+    def shown(self, values: np.ndarray) -> np.ndarray:
+        """Sum what splats [N, C] give to the pixels: [P, C] float32."""
+        return self._summed(values, self.splat, self.pixel, self.pixels)
+
+    def gathered(self, picture: np.ndarray) -> np.ndarray:
+        """Sum what pixels [P, C] give to the splats, the transpose of `shown`: [N, C] float32."""
+        return self._summed(picture, self.pixel, self.splat, self.splats)
+
+    def pruned(self, least: float) -> SplatWeights:
+        """Leave out smaller weights."""
+        kept = self.weight >= least
+        return self._replace(pixel=self.pixel[kept], splat=self.splat[kept], weight=self.weight[kept])
+
+    def squared(self) -> SplatWeights:
+        """Square the weights."""
+        return self._replace(weight=self.weight**2)
+
+    def _summed(self, values: np.ndarray, of: Tensor, to: Tensor, count: int) -> np.ndarray:
+        given = torch.as_tensor(values, dtype=torch.float32)
+        terms = given[of] * self.weight[:, None]
+        return torch.zeros(count, given.shape[1]).index_add_(0, to, terms).numpy()
+
+
 class _Ellipses(NamedTuple):
     """M splats before the camera, the nearest first: rows of the splats, middles [M, 2] px, covariances [M, 3] px^2."""
 
@@ -33,11 +72,8 @@ class _Ellipses(NamedTuple):
 
 
 @torch.inference_mode()
-def splat_weights(splats: Splats, camera: Camera) -> csr_matrix:
-    """Compute how much each splat gives to each pixel: [H * W, N] float32, rows of pixels from the top.
-
-    A row's sum is the pixel's opacity, and its product with the splats' colours the pixel's premultiplied colour.
-    """
+def splat_weights(splats: Splats, camera: Camera) -> SplatWeights:
+    """Compute how much each splat gives to each pixel: of colours, what `shown` returns is premultiplied."""
     ellipses = _projected(splats, camera)
     opacity = torch.as_tensor(splats.opacity, dtype=torch.float32)[ellipses.row]
     pixel, entry, alpha = _fragments(ellipses, opacity, camera.size_px)
@@ -50,11 +86,9 @@ def splat_weights(splats: Splats, camera: Camera) -> csr_matrix:
     start = torch.cummax(torch.where(is_first, torch.arange(len(pixel)), 0), 0).values
     transmittance = torch.exp(before - before[start]).float()
     kept = transmittance >= _LEAST_TRANSMITTANCE
-    weight = (alpha * transmittance)[kept].numpy()
     width, height = camera.size_px
-    starts = np.searchsorted(pixel[kept].numpy(), np.arange(width * height + 1))
-    column = ellipses.row[entry[kept]].numpy().astype(np.int32)
-    return csr_matrix((weight, column, starts), shape=(width * height, len(splats)))
+    entries = pixel[kept].int(), ellipses.row[entry[kept]].int(), (alpha * transmittance)[kept]
+    return SplatWeights(*entries, pixels=width * height, splats=len(splats))
 
 
 def rasterised(splats: Splats, camera: Camera) -> np.ndarray:
@@ -62,7 +96,7 @@ def rasterised(splats: Splats, camera: Camera) -> np.ndarray:
     width, height = camera.size_px
     weights = splat_weights(splats, camera)
     values = np.concatenate([splats.colors(camera.origin), np.ones((len(splats), 1))], 1).astype(np.float32)
-    return (weights @ values).reshape(height, width, 4).clip(0, 1)
+    return weights.shown(values).reshape(height, width, 4).clip(0, 1)
 
 
 def _projected(splats: Splats, camera: Camera) -> _Ellipses:

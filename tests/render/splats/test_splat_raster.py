@@ -40,7 +40,7 @@ def test_one_round_splat_is_a_gaussian(camera):
 def test_the_nearer_of_two_is_before_the_other(camera, nearer):
     depths = [2.0, 2.2] if nearer == 0 else [2.2, 2.0]
     two = splats_of([[0, 0, depths[0]], [0, 0, depths[1]]], [[0.05] * 3] * 2, [[1, 0, 0], [0, 1, 0]], [0.6, 0.5])
-    weights = splat_weights(two, camera).toarray()[15 * 41 + 20]
+    weights = splat_weights(two, camera).shown(np.eye(2))[15 * 41 + 20]
     alpha = np.array([0.6, 0.5])
     expected = alpha * np.where(np.arange(2) == nearer, 1, 1 - alpha[nearer])
     np.testing.assert_allclose(weights, expected, atol=1e-5)
