@@ -28,6 +28,7 @@ _KEPT_LOW = 0.75
 _SURE_WEIGHT = 0.15
 _SURE_AROUND = 0.3, 0.6  # mean confidence around a texel at which it begins to count, and counts fully
 _COPIED, _HALF_SEEN = 0.75, 0.5  # confidence of skin that is copied; from which on nothing is added
+_SURE_ALL_AROUND = 0.9  # mean confidence around what tells of contrast: beside what is not seen, much is a mistake
 _VARIANCE_EDGES = 60.0  # of the Laplacian: over which contrast is told
 _LEAST_FADED = 0.5  # of the base's own pigment
 _LEAST_VARIANCE, _MOST_DEVIATIONS = 1e-5, 4.0
@@ -104,6 +105,8 @@ def with_unseen_detail(
     of_base = _fine(texels, base_log_albedo)
     of_person = _fine(texels, completed.log_ratio + base_log_albedo)
     is_sure = ~is_nail & (completed.confidence > _COPIED)
+    around = _local_mean(texels, completed.confidence, np.ones_like(completed.confidence))
+    is_sure &= around > _SURE_ALL_AROUND
     is_copied = is_sure & ~is_mark
     if not is_copied.any():
         return completed
