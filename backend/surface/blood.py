@@ -20,13 +20,13 @@ _HALF_M = 0.0004  # flattened by which half of that has left
 _LEAST = 1e-3  # share of blood whose lack nobody sees
 
 
-class PressedSkin(NamedTuple):
+class Blanching(NamedTuple):
     """Where a detail mesh of N vertices lacks blood: [N] share of it that has left."""
 
     bloodless: Tensor
 
     @classmethod
-    def of(cls, pressed_m: np.ndarray, template: DetailTemplate) -> PressedSkin:
+    def of(cls, pressed_m: np.ndarray, template: DetailTemplate) -> Blanching:
         """Compute it from how far [V] m the mesh that is subdivided is flattened."""
         pressed = torch.as_tensor(pressed_m, dtype=torch.float32, device=template.normals.device)[:, None]
         for level in template.levels:
@@ -34,16 +34,18 @@ class PressedSkin(NamedTuple):
         squared = pressed[:, 0].square()
         return cls(_MOST_LEAVES * squared / (squared + _HALF_M**2))
 
-    def paled(self, image: ShadingInputs, seen: PixelSurface, mesh: DetailMesh, camera: CameraTensors) -> ShadingInputs:
+    def paled(
+        self, image: ShadingInputs, visible: PixelSurface, mesh: DetailMesh, camera: CameraTensors
+    ) -> ShadingInputs:
         """Return the image with paler skin where it is pressed.
 
         Args:
             image: with the surface's detail, at full size.
-            seen: what it shows of the surface.
+            visible: what it shows of the surface.
             mesh: posed.
             camera: of the image.
         """
-        face = seen.face[image.pixel].long()
+        face = visible.face[image.pixel].long()
         is_pressed = (self.bloodless > _LEAST)[mesh.faces].any(1)
         row = ((face >= 0) & is_pressed[face.clamp(min=0)]).nonzero()[:, 0]
         weights = barycentric(mesh, camera, face[row], image.pixel[row])

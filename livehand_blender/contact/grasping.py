@@ -19,7 +19,7 @@ from ...backend.records.errors import LiveHandError
 from ..motion.frames import current_frame_restored
 from ..rig.hand import RiggedHand
 from ..rig.keyframes import key_values, keyframe_theta
-from ..rig.pads import PADS_PREFIX, pads_keys
+from ..rig.pads import PADS_PREFIX, clear_pads
 from ..rig.pose import read_pose, write_theta, write_transl
 from .targets import Targets
 
@@ -135,15 +135,6 @@ def set_pads(mesh: bpy.types.Object, rest_offsets: np.ndarray, frames: Sequence[
         if len(frames):
             path = f'key_blocks["{key.name}"].value'
             key_values(mesh.data.shape_keys, path, PADS_PREFIX, np.asarray(frames, float), value)
-
-
-def clear_pads(mesh: bpy.types.Object) -> None:
-    """Remove the shape keys of an earlier grasp, and their keyframes."""
-    keys = mesh.data.shape_keys
-    for key in pads_keys(keys):
-        keys.driver_remove(f'key_blocks["{key.name}"].value')
-        key.driver_remove("value")
-        mesh.shape_key_remove(key)
 
 
 def _components(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,15 @@ def pads_keys(keys: bpy.types.Key) -> list[bpy.types.ShapeKey]:
     return [key for key in keys.key_blocks if key.name.startswith(PADS_PREFIX)]
 
 
+def clear_pads(mesh: bpy.types.Object) -> None:
+    """Remove the shape keys of an earlier grasp, and their keyframes."""
+    keys = mesh.data.shape_keys
+    for key in pads_keys(keys):
+        keys.driver_remove(f'key_blocks["{key.name}"].value')
+        key.driver_remove("value")
+        mesh.shape_key_remove(key)
+
+
 def read_pressed_m(mesh: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray | None:
     """Measure how far [V] m the evaluated frame's pads are flattened, in the hand's own size; None: no key does it."""
     if mesh.data.shape_keys is None:
@@ -22,12 +31,12 @@ def read_pressed_m(mesh: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np
     flattening = [key for key in pads_keys(keys) if key.value != 0 and not key.mute]
     if not flattening:
         return None
-    rest = _places(keys.reference_key)
-    offsets = sum(key.value * (_places(key) - rest) for key in flattening)
+    rest = _positions(keys.reference_key)
+    offsets = sum(key.value * (_positions(key) - rest) for key in flattening)
     return np.linalg.norm(offsets, axis=1)
 
 
-def _places(key: bpy.types.ShapeKey) -> np.ndarray:
-    places = np.empty(3 * len(key.data), np.float32)
-    key.data.foreach_get("co", places)
-    return places.reshape(-1, 3)
+def _positions(key: bpy.types.ShapeKey) -> np.ndarray:
+    positions = np.empty(3 * len(key.data), np.float32)
+    key.data.foreach_get("co", positions)
+    return positions.reshape(-1, 3)
