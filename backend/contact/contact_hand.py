@@ -10,15 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import torch
-from torch import Tensor
+from scipy.sparse import csr_array
 
 from ..geometry.mesh_tables import area_weighted_normals, half_edges
-from ..geometry.rotation import axis_angle_to_matrix
 from ..hand.gestures import FingerAxes
 from ..hand.joint_axes import finger_axes
 from ..hand.joint_limits import usual_limits_deg
-from ..hand.lbs import SkinTensors, joint_transforms, pose_correctives
 from ..hand.model import HandModel
 
 PALM = 5
@@ -52,9 +49,10 @@ class ContactHand:
     is_palmar: np.ndarray
     rest: np.ndarray
     rest_joints: np.ndarray
-    _skin: SkinTensors
-    _template: Tensor
-    _joints: Tensor
+    _template: np.ndarray
+    _weights: np.ndarray
+    _correctives: np.ndarray
+    _parents: tuple[int, ...]
 
     @classmethod
     def of(cls, model: HandModel, beta: np.ndarray) -> ContactHand:
@@ -72,7 +70,6 @@ class ContactHand:
         normals = (normals[corners] * shares[..., None]).sum(1)
         towards_palm = np.where(joint[:, None] > 0, -axes.dorsal[joint], -axes.dorsal[1:13:3].mean(0))
         is_palmar = (normals * towards_palm).sum(1) > _PALMAR_COSINE
-        skin, joints = _subset(right, vertices), right.J_regressor @ shape
         return cls(
             axes=axes,
             limits_rad=np.deg2rad(usual_limits_deg(right)),
@@ -83,10 +80,11 @@ class ContactHand:
             joint=joint,
             is_palmar=is_palmar,
             rest=rest,
-            rest_joints=joints,
-            _skin=skin,
-            _template=torch.as_tensor(shape[vertices], dtype=torch.float32),
-            _joints=torch.as_tensor(joints, dtype=torch.float32),
+            rest_joints=right.J_regressor @ shape,
+            _template=shape[vertices],
+            _weights=right.lbs_weights[vertices],
+            _correctives=right.posedirs[vertices].astype(np.float32),
+            _parents=tuple(int(parent) for parent in right.parents),
         )
 
     @cached_property
@@ -104,32 +102,69 @@ class ContactHand:
             lengths[joint - 1] = np.linalg.norm(self.rest[moved] - self.rest_joints[joint], axis=1).max()
         return lengths
 
-    def posed(self, angles: np.ndarray) -> np.ndarray:
-        """Pose the vertices: [B, N, 3] m of angles [B, 15, 3] rad, flexion, abduction and twist."""
-        flexion, abduction, twist = np.moveaxis(angles, -1, 0)[..., None]
-        turns = (
-            axis_angle_to_matrix(flexion * self.axes.flexion[1:])
-            @ axis_angle_to_matrix(abduction * self.axes.dorsal[1:])
-            @ axis_angle_to_matrix(twist * self.axes.bone[1:])
-        )
-        rotations = torch.eye(3).repeat(len(angles), 16, 1, 1)
-        rotations[:, 1:] = torch.as_tensor(turns, dtype=torch.float32)
-        transforms = joint_transforms(rotations, self._joints.expand(len(angles), 16, 3), self._skin.parents)
-        blended = (self._skin.lbs_weights @ transforms[..., :3, :].flatten(-2)).unflatten(-1, (3, 4))
-        shaped = self._template + pose_correctives(self._skin, rotations)
-        return ((blended[..., :3] @ shaped[..., None])[..., 0] + blended[..., 3]).numpy().astype(np.float64)
+    def posed(self, angles: np.ndarray, which: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Pose vertices [K], all or `which`: [B, K, 3] m of angles [B, 15, 3] rad, flexion, abduction and twist."""
+        rotations = self._rotations(angles)
+        features = (rotations - np.eye(3)).reshape(len(angles), -1).astype(np.float32)
+        correctives = self._correctives[which]
+        offsets = (features @ correctives.reshape(-1, features.shape[1]).T).reshape(len(angles), -1, 3)
+        blended = (self._weights[which] @ self._transforms(rotations)).reshape(len(angles), -1, 3, 4)
+        rest = self._template[which] + offsets
+        return np.matmul(blended[..., :3], rest[..., None])[..., 0] + blended[..., 3]
 
-    def points(self, vertices: np.ndarray, which: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Find points [..., P, 3] of posed vertices [..., N, 3]; `which` of them."""
-        corners, shares = self.corners[which], self.shares[which]
-        a, b, c = (vertices[..., corners[:, k], :] * shares[:, k, None] for k in range(3))
-        return a + b + c
+    def points(self, vertices: np.ndarray) -> np.ndarray:
+        """Find all points [P, 3] of posed vertices [N, 3]."""
+        return self._blend @ vertices
+
+    def some_points(self, angles: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """Pose some points [K]: [B, K, 3] m of angles [B, 15, 3] rad."""
+        needed, corners = np.unique(self.corners[which], return_inverse=True)
+        at = self.posed(angles, needed)[:, corners.reshape(-1, 3)]
+        return (at * self.shares[which][..., None]).sum(2)
 
     def normals(self, vertices: np.ndarray) -> np.ndarray:
         """Compute unit normals [P, 3] of the points of posed vertices [N, 3]."""
-        of_vertices = area_weighted_normals(vertices, self.faces)
-        blended = self.points(of_vertices)
-        return blended / np.maximum(np.linalg.norm(blended, axis=1, keepdims=True), 1e-12)
+        a, b, c = (vertices[self.faces[:, corner]] for corner in range(3))
+        return _unit(self._blend @ _unit(self._around @ np.cross(b - a, c - a)))
+
+    @cached_property
+    def _blend(self) -> csr_array:
+        """[P, N] from vertices to points."""
+        count = len(self.corners)
+        rows = np.repeat(np.arange(count), 3)
+        return csr_array((self.shares.ravel(), (rows, self.corners.ravel())), (count, len(self.vertices)))
+
+    @cached_property
+    def _around(self) -> csr_array:
+        """[N, F] from faces to their corners."""
+        columns = np.repeat(np.arange(len(self.faces)), 3)
+        shape = len(self.vertices), len(self.faces)
+        return csr_array((np.ones(len(columns)), (self.faces.ravel(), columns)), shape)
+
+    @cached_property
+    def _turns(self) -> np.ndarray:
+        """[3, 15, 3, 3] whose products with a vector are the cross products of the joints' axes with it."""
+        x, y, z = np.moveaxis(np.stack([self.axes.flexion[1:], self.axes.dorsal[1:], self.axes.bone[1:]]), -1, 0)
+        zero = np.zeros_like(x)
+        return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(3, 15, 3, 3)
+
+    def _rotations(self, angles: np.ndarray) -> np.ndarray:
+        """Turn by flexion, abduction and twist: [B, 15, 3, 3] of angles [B, 15, 3] rad."""
+        angle, cross = np.moveaxis(angles, -1, 1)[..., None, None], self._turns
+        flexion, abduction, twist = np.moveaxis(
+            np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross), 1, 0
+        )
+        return flexion @ abduction @ twist
+
+    def _transforms(self, rotations: np.ndarray) -> np.ndarray:
+        """Compose rest-to-pose transforms [B, 16, 12] along the tree from rotations [B, 15, 3, 3]."""
+        transforms = np.empty((len(rotations), 16, 3, 4))
+        transforms[:, 0] = np.eye(3, 4)
+        for joint in range(1, 16):
+            before, at = transforms[:, self._parents[joint]], self.rest_joints[joint]
+            transforms[:, joint, :, :3] = before[..., :3] @ rotations[:, joint - 1]
+            transforms[:, joint, :, 3] = before[..., :3] @ at + before[..., 3] - transforms[:, joint, :, :3] @ at
+        return transforms.reshape(len(rotations), 16, 12)
 
 
 def _faces_of(faces: np.ndarray, vertices: np.ndarray) -> np.ndarray:
@@ -150,10 +185,5 @@ def _points(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return corners, shares
 
 
-def _subset(model: HandModel, vertices: np.ndarray) -> SkinTensors:
-    """Take the skinning of some vertices; the joints are known otherwise."""
-    skin = SkinTensors.of(model)
-    which = torch.as_tensor(vertices)
-    return skin._replace(
-        v_template=skin.v_template[which], lbs_weights=skin.lbs_weights[which], posedirs=skin.posedirs[which]
-    )
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)

@@ -29,6 +29,7 @@ TOUCH_M = 0.001
 """A digit touches within this."""
 DEEPEST_M = 0.001
 """The palm may lie in a thing as deep as this."""
+_ROUNDING_M = 1e-6
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,7 @@ class Grasper:
     def _without_palm_inside(self, pose: HandPose, solids: Solids, moves_wrist: bool) -> HandPose:
         hand = self._hand
         vertices = hand.posed(self.angles(pose)[None])[0]
-        palm = hand.points(vertices, np.flatnonzero(hand.digit == PALM))
+        palm = hand.points(vertices)[hand.digit == PALM]
         local = self._in_wrist(pose, solids)
         depth_m = -float(local.distances(palm).signed_m.min())
         if depth_m <= DEEPEST_M:
@@ -227,7 +228,7 @@ def _way_out(points: np.ndarray, solids: Solids) -> np.ndarray:
         found = solids.distances(points + way)
         deepest = found.signed_m.argmin()
         depth_m = -found.signed_m[deepest] - DEEPEST_M / 2
-        if depth_m <= 0:
+        if depth_m <= _ROUNDING_M:
             return way
         way = way + depth_m * found.outward[deepest]
     raise LiveHandError(f"the palm must fit beside {solids.names}, and no short way leads out of it; move the hand out")

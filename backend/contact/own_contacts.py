@@ -39,7 +39,7 @@ class OwnContactSearch:
     def __init__(self, hand: ContactHand):
         """Tell which points can meet which digits."""
         self._hand = hand
-        self._digits = [np.flatnonzero(hand.digit == digit) for digit in range(6)]
+        self._digits = [_neighbours_together(hand, np.flatnonzero(hand.digit == digit)) for digit in range(6)]
         can = np.stack([_can_meet(hand, digit) for digit in range(6)], 1)
         self._meets = [np.flatnonzero(can[:, digit]) for digit in range(6)]
 
@@ -76,20 +76,23 @@ class OwnContactSearch:
     def _with(
         self, digit: int, meets: np.ndarray, points: np.ndarray, normals: np.ndarray, margin_m: float
     ) -> OwnContacts:
-        own = self._digits[digit]
-        low, high = points[own].min(0) - margin_m, points[own].max(0) + margin_m
-        near = meets[((points[meets] > low) & (points[meets] < high)).all(1)]
-        if not len(near):
-            return OwnContacts(near, near, np.zeros((0, 3)), np.zeros(0))
-        tree = KDTree(points[own], balanced_tree=False, compact_nodes=False)
-        distance, which = (np.asarray(one) for one in tree.query(points[near], distance_upper_bound=_NEAR_M))
-        is_near = np.isfinite(distance)
-        near, other = near[is_near], own[which[is_near]]
+        from ..compute.kernels.near_points import find_near_points
+
+        other = np.empty(len(meets), np.int64)
+        find_near_points(points, meets, self._digits[digit], margin_m, _NEAR_M, other)
+        near, other = meets[other >= 0], other[other >= 0]
         gap = np.einsum("kc,kc->k", points[near] - points[other], normals[other])
         # What lies before the other's surface while it looks the same way is on its far side, not in it.
         meets_face = np.einsum("kc,kc->k", normals[near], normals[other]) < 0.5
         low = meets_face & (gap < margin_m)
         return OwnContacts(near[low], other[low], normals[other[low]], gap[low])
+
+
+def _neighbours_together(hand: ContactHand, points: np.ndarray) -> np.ndarray:
+    """Sort some points so that neighbours follow each other."""
+    from ..compute.kernels.nearest import along_curve
+
+    return points[np.argsort(along_curve(hand.rest[points]), kind="stable")]
 
 
 def _can_meet(hand: ContactHand, digit: int) -> np.ndarray:

@@ -95,32 +95,35 @@ class Settler:
 
     def _rows(self, angles: np.ndarray, wanted: Settling) -> _GapRows:
         """Compute residuals and their slopes by the free angles."""
-        posed = self._hand.posed(angles + _PERTURBATIONS)  # [6, N, 3], the first unchanged
-        object_rows = self._object_rows(posed, wanted)
-        own_rows = self._own_rows(posed)
+        vertices = self._hand.posed(angles[None])[0]
+        object_rows = self._object_rows(vertices, angles, wanted)
+        own_rows = self._own_rows(vertices, angles)
         offset = (angles - wanted.reference).ravel()[FREE] / _EASE_RAD
         slopes = np.concatenate([object_rows[1], own_rows[1], np.diag(1 / _EASE_RAD)])
         gaps = np.concatenate([object_rows[0], own_rows[0]])
         is_good = bool(np.abs(gaps).max(initial=0.0) * _SLACK_M < _GOOD_M)
         return _GapRows(np.concatenate([gaps, offset]), slopes, is_good)
 
-    def _object_rows(self, posed: np.ndarray, wanted: Settling) -> tuple[np.ndarray, np.ndarray]:
+    def _object_rows(self, vertices: np.ndarray, angles: np.ndarray, wanted: Settling) -> tuple[np.ndarray, np.ndarray]:
         distances = self._distances
-        distances.move(posed[0])
+        distances.move(vertices)
         deep = distances.below(-wanted.press_m, self._candidates)
         pads = distances.nearest([self._pads[digit] for digit in np.flatnonzero(wanted.presses)])
         rows = np.unique(np.concatenate([deep, pads]))
         residual = (distances.signed_m[rows] + wanted.press_m) / _SLACK_M
-        return residual, self._slopes(posed, rows, distances.outward[rows]) / _SLACK_M
+        return residual, self._slopes(angles, rows, distances.outward[rows]) / _SLACK_M
 
-    def _own_rows(self, posed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found = self._own.contacts(posed[0], -_OWN_DEPTH_M)
-        slope = self._slopes(posed, found.points, found.outward) - self._slopes(posed, found.others, found.outward)
-        return (found.gap_m + _OWN_DEPTH_M) / _SLACK_M, slope / _SLACK_M
+    def _own_rows(self, vertices: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found = self._own.contacts(vertices, -_OWN_DEPTH_M)
+        both, outward = np.concatenate([found.points, found.others]), np.concatenate([found.outward, -found.outward])
+        slopes = self._slopes(angles, both, outward).reshape(2, -1, len(FREE)).sum(0)
+        return (found.gap_m + _OWN_DEPTH_M) / _SLACK_M, slopes / _SLACK_M
 
-    def _slopes(self, posed: np.ndarray, points: np.ndarray, outward: np.ndarray) -> np.ndarray:
+    def _slopes(self, angles: np.ndarray, points: np.ndarray, outward: np.ndarray) -> np.ndarray:
         """Compute [K, 21] how points move along unit vectors [K, 3], m per rad of the free angles of their digits."""
-        at = self._hand.points(posed, points)
+        if not len(points):
+            return np.zeros((0, len(FREE)))
+        at = self._hand.some_points(angles + _PERTURBATIONS, points)  # [6, K, 3], the first unchanged
         along = np.einsum("bkc,kc->kb", at[1:] - at[0], outward) / _DIFFERENCE_RAD  # [K, 5]
         return np.where(self._hand.digit[points][:, None] == _DIGIT, along[:, _SLOT], 0.0)
 

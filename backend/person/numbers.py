@@ -16,10 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..surface.blood import BLOOD_LOG_ALBEDO
 from .illumination import LitPixels, fitted_light
 
-BLOOD_LOG_ALBEDO = (-0.03, -0.38, -0.58)
-"""By which blood of 1 more changes the logarithm of albedo."""
 _BLOOD_DEVIATION, _TINT_DEVIATION = 0.2, 0.06
 _MOST_ERROR = 0.5
 _GREEN_PURPLE, _RED_BLUE = np.array([-1.0, 2.0, -1.0]) / 6**0.5, np.array([1.0, 0.0, -1.0]) / 2**0.5

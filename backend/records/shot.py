@@ -83,6 +83,8 @@ class Shot:
         hair: the share of its hairs that the hand shows, 0 to 1, where its avatar's skin is known.
         quality: "preview" of one of many frames that nobody looks at for long: its surface, its shadows and its
             networks' arithmetic may be coarser, and it has no hairs.
+        pressed_m: [V] how far what the hand touches has flattened its skin, which pales there, of avatars with a
+            surface; None: it touches nothing.
     """
 
     pose: HandPose
@@ -92,6 +94,7 @@ class Shot:
     wrist_fade_m: float = 0.0
     hair: float = 0.0
     quality: Quality = "final"
+    pressed_m: np.ndarray | None = None
 
     def __post_init__(self):
         if np.ndim(self.vertices) != 2 or np.shape(self.vertices)[1] != 3:
@@ -104,6 +107,14 @@ class Shot:
             raise LiveHandError(f"the hand's hair must be a share from 0 to 1, got {self.hair}")
         if self.quality not in ("preview", "final"):
             raise LiveHandError(f"a shot's quality must be 'preview' or 'final', got {self.quality!r}")
+        if self.pressed_m is not None:
+            self._check_pressed(self.pressed_m)
+
+    def _check_pressed(self, pressed_m: np.ndarray) -> None:
+        if np.shape(pressed_m) != (len(self.vertices),):
+            raise LiveHandError(f"pressed_m must be [{len(self.vertices)}] m, got {list(np.shape(pressed_m))}")
+        if not (np.isfinite(pressed_m).all() and np.min(pressed_m) >= 0):
+            raise LiveHandError("pressed_m must be finite and 0 or more; grasp again, which flattens the pads anew")
 
     def with_camera(self, camera: Camera) -> Shot:
         """Show the same hand from another view."""

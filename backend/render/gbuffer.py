@@ -161,6 +161,7 @@ class GBuffer:
             and ours.pose.side == theirs.pose.side
             and (ours.hair, ours.quality) == (theirs.hair, theirs.quality)
             and np.array_equal(ours.vertices, theirs.vertices)
+            and _is_equal(ours.pressed_m, theirs.pressed_m)
             and np.array_equal(ours.pose.theta, theirs.pose.theta)
             and np.array_equal(ours.camera.K, theirs.camera.K)
             and np.array_equal(ours.camera.cam2world, theirs.camera.cam2world)
@@ -177,3 +178,7 @@ class GBuffer:
         camera = self.met.hand.camera
         _, depth = project(camera, self.points.position)
         return is_off_edges(shown, depth, self.met.pixel, camera.size_px)
+
+
+def _is_equal(one: np.ndarray | None, other: np.ndarray | None) -> bool:
+    return one is other or (one is not None and other is not None and np.array_equal(one, other))

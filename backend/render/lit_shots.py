@@ -48,7 +48,8 @@ def is_short(shot: Shot) -> bool:
     """Return whether the short road knows all that a shot asks for."""
     light = shot.light or Light()
     is_plain = light.measured is None and len(light.occluders) == 0 and light.shadow_quality != "fine"
-    return is_plain and shot.quality == "final" and shot.hair == 0 and not shot.camera.is_orthographic
+    is_bare = shot.hair == 0 and shot.pressed_m is None
+    return is_plain and shot.quality == "final" and is_bare and not shot.camera.is_orthographic
 
 
 @dataclass(frozen=True)

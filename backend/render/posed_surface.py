@@ -18,6 +18,7 @@ from ..hand.model import HandModel
 from ..image.shading import ShadingInputs, covered_pixels, doubled
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
+from ..surface.blood import Blanching
 from ..surface.detail_maps import DetailMaps
 from ..surface.detail_mesh import DetailMesh, DetailTemplate, LevelsOfDetail, on_surface
 from ..surface.hair_growth import Hairs
@@ -35,12 +36,14 @@ class SurfaceInView(NamedTuple):
         mesh: posed.
         hits: where the rays of all low-resolution pixels meet it.
         hairs: on it; None: it shows none.
+        pressed: where it is pressed; None: nowhere.
     """
 
     maps: DetailMaps
     mesh: DetailMesh
     hits: RayHits
     hairs: PosedHairs | None = None
+    pressed: Blanching | None = None
 
     def met(self, hand: HandInView) -> HandInView:
         """Return the hand as rays of its field meet it, which end on the surface."""
@@ -100,6 +103,8 @@ class SurfacePoser:
         levels = self.levels(shot.pose.side)
         template = levels.visible_in(hand) if shot.quality == "preview" else levels.finest
         surface = self.in_view(shot.pose, hand, template)
+        if shot.pressed_m is not None:
+            surface = surface._replace(pressed=Blanching.of(shot.pressed_m, template))
         if shot.hair == 0 or shot.quality == "preview":
             return surface
         return surface._replace(hairs=PosedHairs.of(self.hairs.first(shot.hair), surface.mesh, self.skin.hair_albedo))

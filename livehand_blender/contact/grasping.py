@@ -1,6 +1,7 @@
 """*Grasp* in a scene: one frame or a range, one hand on things or two hands on each other.
 
-Flattened pads are shape keys of the hand's mesh: a few, whose values follow over a shot.
+Flattened pads are shape keys of the hand's mesh: a few, whose values follow over a shot. What they move is pale in
+frames.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from ...backend.records.errors import LiveHandError
 from ..motion.frames import current_frame_restored
 from ..rig.hand import RiggedHand
 from ..rig.keyframes import key_values, keyframe_theta
+from ..rig.pads import PADS_PREFIX, clear_pads
 from ..rig.pose import read_pose, write_theta, write_transl
 from .targets import Targets
 
 _CLASPS = 2  # times that each of two hands closes on the other
-_PREFIX = "Grasp Pads"
 _MOST_KEYS = 6
 _LEFT_OUT_M = 0.00005  # of the offsets, that the keys may miss
 
@@ -128,21 +129,12 @@ def set_pads(mesh: bpy.types.Object, rest_offsets: np.ndarray, frames: Sequence[
     rest = np.empty(flat.shape[1], np.float32)
     mesh.data.shape_keys.reference_key.data.foreach_get("co", rest)
     for number, (value, shape) in enumerate(zip(values.T, shapes, strict=True)):
-        key = mesh.shape_key_add(name=f"{_PREFIX} {number + 1}", from_mix=False)
+        key = mesh.shape_key_add(name=f"{PADS_PREFIX} {number + 1}", from_mix=False)
         key.data.foreach_set("co", rest + shape.astype(np.float32))
         key.slider_min, key.slider_max, key.value = -1.0, 1.0, float(value[0])
         if len(frames):
             path = f'key_blocks["{key.name}"].value'
-            key_values(mesh.data.shape_keys, path, _PREFIX, np.asarray(frames, float), value)
-
-
-def clear_pads(mesh: bpy.types.Object) -> None:
-    """Remove the shape keys of an earlier grasp, and their keyframes."""
-    keys = mesh.data.shape_keys
-    for key in [key for key in keys.key_blocks if key.name.startswith(_PREFIX)]:
-        keys.driver_remove(f'key_blocks["{key.name}"].value')
-        key.driver_remove("value")
-        mesh.shape_key_remove(key)
+            key_values(mesh.data.shape_keys, path, PADS_PREFIX, np.asarray(frames, float), value)
 
 
 def _components(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
 from ...backend.records.light import Light
 from ...backend.records.shot import HandPose, Shot
+from ..rig.pads import read_pressed_m
 from ..rig.pose import read_hand_pose
 from .visible_hands import VisibleHand
 
@@ -35,7 +36,8 @@ def read_shot(
             f"{len(vertices)} after modifiers; hide those that add or remove vertices (Subdivision, Mask) from renders"
         )
     fade_m, hair = hand_wrist_fade_m(hand, depsgraph), hand_hair(hand, depsgraph)
-    return Shot(hand_pose(hand, depsgraph), vertices, camera, light, fade_m, hair)
+    pressed_m = hand_pressed_m(hand, depsgraph)
+    return Shot(hand_pose(hand, depsgraph), vertices, camera, light, fade_m, hair, pressed_m=pressed_m)
 
 
 def hand_pose(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
@@ -56,6 +58,11 @@ def hand_wrist_fade_m(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> floa
 def hand_hair(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> float:
     """Read the share of its hairs that the hand shows."""
     return hand.armature.evaluated_get(depsgraph).livehand.hair
+
+
+def hand_pressed_m(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> np.ndarray | None:
+    """Measure how far [V] the hand's skin is flattened, of the hand at rest; None: nowhere."""
+    return read_pressed_m(hand.mesh, depsgraph)
 
 
 def hand_vertices(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> np.ndarray:

@@ -13,7 +13,7 @@ from ...backend.records.camera import Camera
 from ...backend.records.shot import HandPose, Quality, Shot
 from ...backend.render.frame_task import HandTask
 from ...backend.render.session import Device, Session
-from ..hands.shot import hand_hair, hand_pose, hand_vertices, hand_wrist_fade_m
+from ..hands.shot import hand_hair, hand_pose, hand_pressed_m, hand_vertices, hand_wrist_fade_m
 from ..hands.visible_hands import InstanceId, VisibleHand
 from ..light.light import SceneLight, read_hand_lights
 from ..light.solids import LocalTriangles
@@ -37,6 +37,7 @@ class ViewportHand:
     light: SceneLight | None = None
     wrist_fade_m: float = 0.0
     hair: float = 0.0
+    pressed_m: np.ndarray | None = None
 
     def task(self, session: Session, camera: Camera, quality: Quality = "final") -> HandTask:
         """Make the task of rendering the hand; loads its avatar, and raises as `load_for`."""
@@ -44,7 +45,7 @@ class ViewportHand:
         light = self.light.light() if self.light and renderer.is_relightable else None
         if light is not None:
             light = replace(light, shadow_quality="none" if quality == "preview" else "fine")
-        shot = Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m, self.hair, quality)
+        shot = Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m, self.hair, quality, self.pressed_m)
         return HandTask(renderer, shot)
 
 
@@ -74,6 +75,7 @@ def read_viewport_hands(
             lights.get(hand.name),
             hand_wrist_fade_m(hand, depsgraph),
             hand_hair(hand, depsgraph),
+            hand_pressed_m(hand, depsgraph),
         )
         for hand in shown
     )

@@ -9,11 +9,16 @@ from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.poses import POSES
+from livehand.backend.records.camera import Camera
+from livehand.livehand_blender.hands.shot import read_shot
+from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
+from livehand.livehand_blender.rig.pads import pads_keys
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 
 # Of a ball in front of a right hand's palm, in the hand's own space.
+TILT_RAD = 0.25  # of hands in prayer: straight fingers stand back from the palms' heels
 CENTRE_M, RADIUS_M = np.array([-0.02, -0.062, 0.006]), 0.034
 
 
@@ -56,9 +61,12 @@ def depths_mm(hand, thing, evaluated_vertices):
     mesh.calc_loop_triangles()
     corners = np.array([tuple(vertex.co) for vertex in mesh.vertices]) @ matrix[:3, :3].T + matrix[:3, 3]
     faces = np.array([tuple(triangle.vertices) for triangle in mesh.loop_triangles])
-    world = np.array(hand.livehand.mesh.evaluated_get(depsgraph).matrix_world)
-    vertices = evaluated_vertices(hand) @ world[:3, :3].T + world[:3, 3]
-    return 1000 * MeshSolid(corners, faces).distances(vertices).signed_m
+    return 1000 * MeshSolid(corners, faces).distances(world_vertices_of(hand, evaluated_vertices)).signed_m
+
+
+def world_vertices_of(hand, evaluated_vertices):
+    world = np.array(hand.livehand.mesh.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world)
+    return evaluated_vertices(hand) @ world[:3, :3].T + world[:3, 3]
 
 
 def test_a_ball_with_modifiers_is_grasped_and_no_vertex_is_deeper_than_the_skin_yields(hand, evaluated_vertices):
@@ -139,6 +147,51 @@ def test_words_for_what_is_missing(hand):
         bpy.ops.livehand.grasp()
 
 
+def shot_of(hand):
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    (visible,) = visible_hands(depsgraph)
+    camera = Camera(np.eye(3), np.eye(4), (1, 1))
+    return read_shot(visible, depsgraph, camera, len(hand.livehand.mesh.data.vertices))
+
+
+def test_pressed_skin_is_in_the_shot_and_follows_the_values_of_its_keys(hand, evaluated_vertices):
+    ball = add_ball(posed(hand))
+    assert shot_of(hand).pressed_m is None
+    select(hand, ball)
+    bpy.ops.livehand.grasp(flatten=False)
+    assert shot_of(hand).pressed_m is None
+    bpy.ops.livehand.grasp(flatten=True)
+    pressed_m, flat = shot_of(hand).pressed_m, evaluated_vertices(hand)
+    (key,) = pads_keys(hand.livehand.mesh.data.shape_keys)
+    key.value = 0.5
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(shot_of(hand).pressed_m, pressed_m / 2, atol=1e-7)
+    key.mute = True
+    bpy.context.view_layer.update()
+    assert shot_of(hand).pressed_m is None
+    moved_m = np.linalg.norm(flat - evaluated_vertices(hand), axis=1)
+    assert 0.0005 < moved_m.max() < 0.0012
+    np.testing.assert_allclose(pressed_m, moved_m, atol=3e-5)
+
+
+def test_one_undo_takes_a_grasp_back(hand):
+    ball = add_ball(posed(hand))
+    select(hand, ball)
+    bpy.ops.ed.undo_push(message="Before")
+    before = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
+    assert bpy.ops.livehand.grasp("EXEC_DEFAULT", True, use_range=True, use_scene_range=False, first=1, last=2) == {
+        "FINISHED"
+    }
+    bpy.ops.ed.undo()
+    hand = bpy.context.view_layer.objects.active
+    np.testing.assert_allclose(read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta, before, atol=1e-7)
+    keys = hand.livehand.mesh.data.shape_keys
+    assert not pads_keys(keys)
+    assert all(one.animation_data is None or one.animation_data.action is None for one in (hand, keys))
+    bpy.ops.ed.redo()
+    assert pads_keys(bpy.context.view_layer.objects.active.livehand.mesh.data.shape_keys)
+
+
 @pytest.mark.slow
 def test_a_range_is_keyed_and_the_fingers_follow_a_ball_that_wanders(hand, evaluated_vertices, curves_of):
     scene = bpy.context.scene
@@ -153,6 +206,11 @@ def test_a_range_is_keyed_and_the_fingers_follow_a_ball_that_wanders(hand, evalu
     names = {curve.data_path.split('"')[1] for curve in curves_of(hand.animation_data.action)}
     assert len(names) == 15
     assert not any(name.startswith(("wrist", "forearm")) for name in names)
+    curves = [
+        *curves_of(hand.animation_data.action),
+        *curves_of(hand.livehand.mesh.data.shape_keys.animation_data.action),
+    ]
+    assert {tuple(point.co.x for point in curve.keyframe_points) for curve in curves} == {(1, 2, 3, 4, 5)}
     for frame in (1, 3, 5):
         scene.frame_set(frame)
         depth = depths_mm(hand, ball, evaluated_vertices)
@@ -160,14 +218,18 @@ def test_a_range_is_keyed_and_the_fingers_follow_a_ball_that_wanders(hand, evalu
 
 
 @pytest.mark.slow
-def test_two_hands_clasp():
-    right = posed(add_hand(bpy.context, load_default_hand()), "Relaxed")
-    left = posed(add_hand(bpy.context, load_default_hand().for_side("left")), "Relaxed")
-    left.rotation_euler = (0, 0, np.pi)  # palm to palm, a little apart
-    left.location = (0.02, -0.09, 0.01)
+def test_two_hands_in_prayer_touch_and_do_not_pass_through_each_other(evaluated_vertices):
+    model = load_default_hand()
+    right, left = (posed(add_hand(bpy.context, one), "Five") for one in (model, model.for_side("left")))
+    right.rotation_euler, left.rotation_euler = (0, 0, TILT_RAD), (0, 0, np.pi - TILT_RAD)
     bpy.context.view_layer.update()
-    before = [read_hand_pose(one, bpy.context.evaluated_depsgraph_get()).theta for one in (right, left)]
+    meet_m = world_vertices_of(right, evaluated_vertices)[:, 1].min() - 0.0005
+    left.location = (0, 2 * meet_m, 0)
+    bpy.context.view_layer.update()
     select(right, left)
     assert bpy.ops.livehand.grasp() == {"FINISHED"}
-    after = [read_hand_pose(one, bpy.context.evaluated_depsgraph_get()).theta for one in (right, left)]
-    assert all(np.abs(one - other).max() > 0.05 for one, other in zip(before, after, strict=True))
+    digit = (model.lbs_weights.argmax(1) - 1) // 3
+    for one, other in ((right, left), (left, right)):
+        gap_mm = depths_mm(one, other.livehand.mesh, evaluated_vertices)
+        assert gap_mm.min() > -1
+        assert max(gap_mm[digit == number].min() for number in range(5)) < 1

@@ -152,7 +152,7 @@ def placed_mesh(hold, hand):
         mesh.apply_transform(between(tips["thumb"], fingers))
         return mesh
     touching = ContactHand.of(hand, np.zeros(10))
-    palm = touching.points(vertices[touching.vertices], np.flatnonzero(touching.digit == PALM))
+    palm = touching.points(vertices[touching.vertices])[touching.digit == PALM]
     mesh.apply_translation(np.array(hold.offset_mm) / 1000 + (palm.mean(0) * (1, 0, 0)))
     mesh.apply_translation((0, palm[:, 1].min() - 0.05 - mesh.bounds[1, 1], 0))
     solid = PlacedSolid.of(mesh.vertices, mesh.faces)

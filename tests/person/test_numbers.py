@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.numbers import BLOOD_LOG_ALBEDO, ToneFamily, fitted_numbers
+from livehand.backend.person.numbers import ToneFamily, fitted_numbers
+from livehand.backend.surface.blood import BLOOD_LOG_ALBEDO
 
 RNG = np.random.default_rng(4)
 LIGHT = np.log([0.6, 0.35, 0.25]) + RNG.normal(0, 0.15, (300, 1)) + RNG.normal(0, 0.03, (300, 3))

@@ -24,6 +24,7 @@ from livehand.backend.render.primary_hits import HitSurface
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.render.surface_maps import surface_maps
 from livehand.backend.surface.base_surface import surface_of_person
+from livehand.backend.surface.blood import BLOOD_LOG_ALBEDO
 
 pytestmark = pytest.mark.slow
 
@@ -323,3 +324,31 @@ def test_a_shot_of_another_quality_is_refused(shot):
     object.__setattr__(other, "quality", "moving")  # tests' type checker would refuse it first
     with pytest.raises(LiveHandError, match="must be 'preview' or 'final', got 'moving'"):
         other.__post_init__()
+
+
+def test_pressed_skin_is_paler_there_and_nowhere_else(renderer, shot):
+    """Light that the skin scatters grows by what its blood takes away: hardly of red, most of blue."""
+    shot = replace(shot, light=Light(sky=Sky(np.ones((4, 8, 3)))))
+    pressed_m = np.full(len(shot.vertices), 0.0008)
+    before, everywhere = renderer.render(shot), renderer.render(replace(shot, pressed_m=pressed_m))
+    halved = renderer.render(replace(shot, pressed_m=pressed_m * (shot.vertices[:, 0] > 0)))
+    is_skin = before.alpha == 1
+    grown = everywhere.rgb[is_skin] / before.rgb[is_skin]
+    most = np.exp(-0.6 * 0.8 * np.array(BLOOD_LOG_ALBEDO))
+    assert (grown > 0.999).all()
+    assert (grown < most + 0.01).all()
+    assert (np.median(grown, 0) > 1 + 0.6 * (most - 1)).all()
+    stays, follows = (
+        np.isclose(halved.rgb, frame.rgb, rtol=1e-4)[is_skin].all(-1).mean() for frame in (before, everywhere)
+    )
+    assert min(stays, follows) > 0.1
+    assert stays + follows > 0.9
+    assert np.array_equal(halved.alpha, before.alpha)
+    assert np.array_equal(renderer.render(shot).rgb, before.rgb)
+
+
+def test_what_is_no_pressing_is_refused(shot):
+    count = len(shot.vertices)
+    for pressed_m in (np.zeros(3), np.full(count, -1e-4), np.full(count, np.nan)):
+        with pytest.raises(LiveHandError, match="pressed_m must be"):
+            replace(shot, pressed_m=pressed_m)

@@ -38,7 +38,7 @@ class TriangleTree(NamedTuple):
 def triangle_tree(corners: np.ndarray) -> TriangleTree:
     """Sort triangles [F, 3, 3] into a tree."""
     corners = np.ascontiguousarray(corners, np.float64)
-    order = np.argsort(_along_curve(corners.mean(1)), kind="stable")
+    order = np.argsort(along_curve(corners.mean(1)), kind="stable")
     corners = corners[order]
     leaves = 1 << max(0, int(np.floor(np.log2(max(1, len(corners) / _LEAF_TRIANGLES)))))
     first = np.arange(leaves + 1) * len(corners) // leaves
@@ -54,7 +54,7 @@ def triangle_tree(corners: np.ndarray) -> TriangleTree:
     return TriangleTree(np.concatenate(levels), first, order, corners.reshape(-1, 9))
 
 
-def _along_curve(points: np.ndarray) -> np.ndarray:
+def along_curve(points: np.ndarray) -> np.ndarray:
     """Compute the numbers [F] of points [F, 3] along a Morton curve through their box."""
     low = points.min(0)
     size = max(float((points.max(0) - low).max()), 1e-12)

@@ -22,9 +22,9 @@ from ...records.errors import LiveHandError
 from ...render.albedo import FIELD_RESOLUTION, network_albedo
 from ...render.thumbnail import with_thumbnail
 from ...surface.albedo_ratio import MOST_LOG_RATIO, RATIO_ARRAY, RATIO_STEP, ratio_steps
+from ...surface.blood import BLOOD_LOG_ALBEDO
 from ...surface.hair_growth import REGIONS, HairRegion
 from ...surface.stored_surface import StoredSurface
-from ..numbers import BLOOD_LOG_ALBEDO
 from .look import ADJUSTABLE, PERSON_NUMBERS, checked_number, numbers_of_age
 from .new_person import USUAL_DENSITY, log_albedo_map, nearest_base
 

@@ -1,4 +1,4 @@
-"""Kernels are compiled by small pictures that need every one of them."""
+"""Kernels are compiled by small pictures that need every one of them; those of contact by themselves."""
 
 from __future__ import annotations
 
@@ -38,6 +38,7 @@ def prepare_kernels(avatar_path: Path) -> Prepared:
     began, avatar, hand = time.perf_counter(), load_avatar(avatar_path), load_default_hand()
     for precision in ("fp32", "bf16"):
         _render_small(Renderer(avatar, hand, "cpu", precision), hand)
+    _find_near()
     folder = kernel_cache()
     if folder is not None:
         mark_prepared(folder)
@@ -65,6 +66,18 @@ def prepare_share(avatar_path: Path, number: int, count: int) -> None:
 def _render_small(renderer: Renderer, hand: HandModel) -> None:
     for shot in _shots(hand):
         renderer.render(shot)
+
+
+def _find_near() -> None:
+    """Ask the kernels that *Grasp* needs what is nearest to a corner of a triangle."""
+    import numpy as np
+
+    from ...compute.kernels.near_points import find_near_points
+    from ...compute.kernels.nearest import find_nearest, triangle_tree
+
+    corners, found = np.eye(3), np.empty(1, np.int64)
+    find_nearest(corners[:1], triangle_tree(corners[None]), found, np.empty((1, 3)))
+    find_near_points(corners, found * 0, np.arange(1, 3), 1.0, 2.0, found)
 
 
 def _shots(hand: HandModel) -> list[Shot]:
