@@ -1,6 +1,7 @@
 """Jobs in processes of their own: results, errors, progress, cancellation, and the package's name there."""
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -80,7 +81,8 @@ run_job(work, "too many hands; choose fewer")
 def working(then):
     """The process of a job that reports its progress, then does something."""
     command = [sys.executable, "-c", WORK.format(then=then), "", json.dumps([1, "ü"])]
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}  # which jobs ignore
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env)
 
 
 @pytest.mark.parametrize(
