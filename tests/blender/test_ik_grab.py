@@ -88,3 +88,15 @@ def test_a_selected_target_is_put_where_it_is_drawn_so_that_a_grabbed_finger_doe
     hand.update_tag()
     np.testing.assert_allclose(theta(hand), before, atol=5e-3)
     assert tuple(hand.pose.bones[f"IK-ring.{suffix}"].location) == ring
+
+
+def test_only_selected_targets_of_fingers_without_ik_are_moved(hand, model):
+    suffix = model.side[0].upper()
+    write_slider(hand, "fist", 0.8)
+    write_slider(hand, "ring.ik", 1)
+    hand.pose.bones[f"IK-ring.{suffix}"].location = (0.0, 0.3, 0.0)  # out of reach
+    hand.update_tag()
+    targets = [bone for bone in hand.pose.bones if bone.name.startswith("IK-")]
+    before = {bone.name: tuple(bone.location) for bone in targets}
+    fetch_targets(bpy.context, RiggedHand.of(hand), [f"IK-index.{suffix}", f"IK-ring.{suffix}"])
+    assert {bone.name for bone in targets if tuple(bone.location) != before[bone.name]} == {f"IK-index.{suffix}"}

@@ -17,7 +17,7 @@ from mathutils import Vector
 SUN = Vector((0.3, -0.2, 1.0)).normalized()
 
 # Cycles' passes in the version that runs.
-DIRECT, INDIRECT = ("Diffuse Direct", "Diffuse Indirect") if bpy.app.version >= (5, 1, 0) else ("DiffDir", "DiffInd")
+DIRECT, INDIRECT = ("Diffuse Direct", "Diffuse Indirect") if bpy.app.version >= (5, 0, 0) else ("DiffDir", "DiffInd")
 
 
 @pytest.fixture

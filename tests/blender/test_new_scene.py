@@ -31,6 +31,8 @@ def _new_file():
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_a_new_file_becomes_a_lit_hand_before_its_camera(side, fake_session, tmp_path):
     assert {thing.name for thing in bpy.context.scene.objects} == {"Camera", "Cube", "Light"}
+    for space in views():
+        space.show_region_ui = False
     assert bpy.ops.livehand.new_hand_scene(side=side) == {"FINISHED"}
     scene = bpy.context.scene
     (armature,) = find_hands(scene)
@@ -42,6 +44,10 @@ def test_a_new_file_becomes_a_lit_hand_before_its_camera(side, fake_session, tmp
     assert not needs_light(scene, bpy.context.view_layer)
     for space in views():
         assert (space.shading.type, space.region_3d.view_perspective) == ("RENDERED", "CAMERA")
+        assert space.show_region_ui
+    middle, thumb = (armature.pose.bones[f"{finger}3.{side[0].upper()}"].tail for finger in ("middle", "thumb"))
+    assert (armature.matrix_world.to_3x3() @ middle).normalized().z > 0.95
+    assert (armature.matrix_world.to_3x3() @ (thumb - middle)).x * {"right": -1, "left": 1}[side] > 0.02  # m
     in_picture = picture_of(scene, armature)
     assert (in_picture > 0).all()
     assert (in_picture < 1).all()
@@ -72,6 +78,34 @@ def test_beside_a_scene_with_something_in_it_it_makes_a_new_one():
     assert len(find_hands(second)) == 1
     assert find_hands(first) == []
     assert first.render.engine != "LIVEHAND"
+
+
+def save(tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "of_a_user.blend"))
+
+
+def of_object(name, change):
+    return lambda tmp_path: change(bpy.data.objects[name])
+
+
+@pytest.mark.usefixtures("_new_file")
+@pytest.mark.parametrize(
+    "touch",
+    [
+        save,
+        of_object("Cube", lambda cube: cube.modifiers.new("Bevel", "BEVEL")),
+        of_object("Cube", lambda cube: cube.keyframe_insert("location")),
+        of_object("Cube", lambda cube: cube.data.clear_geometry()),
+        of_object("Camera", lambda camera: camera.keyframe_insert("location")),
+    ],
+    ids=["saved", "modifier", "animated", "modeled", "camera"],
+)
+def test_what_a_user_has_touched_is_kept(touch, tmp_path):
+    first = bpy.context.scene
+    touch(tmp_path)
+    bpy.ops.livehand.new_hand_scene()
+    assert {thing.name for thing in first.objects} == {"Camera", "Cube", "Light"}
+    assert bpy.context.window.scene != first
 
 
 def invoked(**settings):

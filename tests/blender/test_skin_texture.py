@@ -61,7 +61,7 @@ def test_cycles_shows_the_atlas_as_the_backend_draws_it(hand_scene, hand, side, 
     hand_scene.render.filepath = str(tmp_path / "cycles.exr")
     bpy.ops.render.render(write_still=True)
     channels = read_exr(tmp_path / "cycles.exr")
-    name = next(name for name in ("DiffCol", "Diffuse Color") if f"ViewLayer.{name}.R" in channels)  # the second in 5.2
+    name = next(name for name in ("DiffCol", "Diffuse Color") if f"ViewLayer.{name}.R" in channels)  # from 5.0 on
     shown = linear_to_srgb(np.stack([channels[f"ViewLayer.{name}.{c}"] for c in "RGB"]))
     camera = camera_tensors(read_camera(hand_scene.camera, hand_scene.render), "cpu")
     expected = draw_textured(texture, mesh, topology, camera)[0].numpy()

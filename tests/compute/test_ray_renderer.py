@@ -184,6 +184,17 @@ def test_other_samplers(odd, scene, samples, shell_m, layers):
     assert_same(Fused(odd, *scene, SamplerConfig(samples, shell_m, layers)))
 
 
+def test_an_orthographic_cameras_fused_rays_are_the_fields(odd, scene):
+    """Its pixels are as wide at every depth, by which planes fade."""
+    hand, view = scene
+    K, depth = view.K.clone(), hand.mesh.vertices.mean(0) @ view.world2cam[2, :3] + view.world2cam[2, 3]
+    K[:2, :2] /= depth
+    assert abs(depth - 1) > 0.2  # where both widths are the same
+    rendered = Fused(odd, hand, CameraTensors(K, view.world2cam, view.size_px, is_orthographic=True))
+    assert len(rendered.pixel) > 200
+    assert_same(rendered)
+
+
 def test_nothing_in_view(odd, scene):
     hand, view = scene
     turned = torch.diag(torch.tensor([1.0, -1, -1, 1])) @ view.world2cam

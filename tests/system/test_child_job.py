@@ -1,5 +1,7 @@
 """Jobs in processes of their own: results, errors, progress, cancellation, and the package's name there."""
 
+import json
+import os
 import subprocess
 import sys
 import time
@@ -27,6 +29,13 @@ def job_that_says(*lines, code=0, waits=False):
     return ChildJob("counting", process)
 
 
+def wait_until(holds):
+    end = time.monotonic() + 20
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
 def test_a_result_is_what_is_neither_progress_nor_noise():
     job = job_that_says('{"progress": "1 of 2", "share": 0.5}', '{"hands": ["right"]}', "7")
     assert job.progress in (JobProgress("starting"), JobProgress("1 of 2", 0.5))
@@ -49,15 +58,56 @@ def test_an_error_and_a_death_are_errors(lines, message):
 
 def test_a_job_is_canceled_in_the_middle():
     job = job_that_says('{"progress": "1"}', waits=True)
-    end = time.monotonic() + 20
-    while job.progress.text != "1":
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    wait_until(lambda: job.progress.text == "1")
     assert job.is_running
     job.cancel()
-    job.wait()
+    wait_until(lambda: not job.is_running)
     with pytest.raises(LiveHandError):
         job.result()
+
+
+WORK = """
+import time
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.system.child_job import JobProgress, run_job
+def work(request, report):
+    report(JobProgress("1 of 2", 0.5))
+    {then}
+    return {{"request": request}}
+run_job(work, "too many hands; choose fewer")
+"""
+
+
+def working(then):
+    """The process of a job that reports its progress, then does something."""
+    command = [sys.executable, "-c", WORK.format(then=then), "", json.dumps([1, "ü"])]
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}  # which jobs ignore
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env)
+
+
+@pytest.mark.parametrize(
+    ("then", "written"),
+    [
+        ("pass", {"request": [1, "ü"]}),
+        ("raise LiveHandError('a film must show a hand')", {"error": "a film must show a hand"}),
+        ("raise MemoryError", {"error": "too many hands; choose fewer"}),
+    ],
+)
+def test_the_process_writes_progress_then_its_result_or_error(then, written):
+    with working(then) as process:
+        lines = process.stdout.readlines()
+    assert [json.loads(line) for line in lines] == [{"progress": "1 of 2", "share": 0.5}, written]
+
+
+def test_progress_is_written_at_once_and_the_work_ends_with_its_parent():
+    process = working("time.sleep(600)")
+    job = ChildJob("working", process)
+    try:
+        wait_until(lambda: job.progress == JobProgress("1 of 2", 0.5))
+        process.stdin.close()
+        assert process.wait(20) == 1
+    finally:
+        process.kill()
 
 
 def test_files_of_the_current_folder_are_not_run(monkeypatch, tmp_path):
