@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ..geometry.mesh_tables import area_weighted_normals, half_edges
 from ..hand.gestures import FingerAxes
@@ -114,7 +113,7 @@ class ContactHand:
 
     def points(self, vertices: np.ndarray) -> np.ndarray:
         """Find all points [P, 3] of posed vertices [N, 3]."""
-        return self._blend @ vertices
+        return self._blended(vertices)
 
     def some_points(self, angles: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Pose some points [K]: [B, K, 3] m of angles [B, 15, 3] rad."""
@@ -125,21 +124,13 @@ class ContactHand:
     def normals(self, vertices: np.ndarray) -> np.ndarray:
         """Compute unit normals [P, 3] of the points of posed vertices [N, 3]."""
         a, b, c = (vertices[self.faces[:, corner]] for corner in range(3))
-        return _unit(self._blend @ _unit(self._around @ np.cross(b - a, c - a)))
+        across, corners = np.cross(b - a, c - a), self.faces.ravel()
+        around = [np.bincount(corners, np.repeat(across[:, axis], 3), len(vertices)) for axis in range(3)]
+        return _unit(self._blended(_unit(np.stack(around, 1))))
 
-    @cached_property
-    def _blend(self) -> csr_array:
-        """[P, N] from vertices to points."""
-        count = len(self.corners)
-        rows = np.repeat(np.arange(count), 3)
-        return csr_array((self.shares.ravel(), (rows, self.corners.ravel())), (count, len(self.vertices)))
-
-    @cached_property
-    def _around(self) -> csr_array:
-        """[N, F] from faces to their corners."""
-        columns = np.repeat(np.arange(len(self.faces)), 3)
-        shape = len(self.vertices), len(self.faces)
-        return csr_array((np.ones(len(columns)), (self.faces.ravel(), columns)), shape)
+    def _blended(self, values: np.ndarray) -> np.ndarray:
+        """Interpolate values [N, 3] of vertices at the points [P, 3]."""
+        return np.einsum("pk,pkc->pc", self.shares, values[self.corners])
 
     @cached_property
     def _turns(self) -> np.ndarray:

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, median_filter
 
 from ..records.errors import LiveHandError
 from ..records.shot import HandPose
@@ -76,9 +75,24 @@ def _grasp(
 
 
 def _steady(touches: np.ndarray) -> np.ndarray:
-    """Fill short gaps in touches [T, 5], and leave short ones out."""
+    """Fill short gaps in touches [T, 5], and leave short ones out: each is as most of those around it."""
     size = min(_LEAST_RUN, len(touches))
-    return median_filter(touches.astype(np.uint8), size=(size, 1), mode="nearest").astype(bool)
+    around = _windows(touches.astype(float), size)
+    return around.sum(-1) >= size - size // 2
+
+
+def _smoothed(changes: np.ndarray) -> np.ndarray:
+    """Blur changes [T, ...] over frames by a Gaussian."""
+    reach = round(4 * _SMOOTH_FRAMES)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / _SMOOTH_FRAMES) ** 2)
+    return _windows(changes, 2 * reach + 1) @ (weights / weights.sum())
+
+
+def _windows(values: np.ndarray, size: int) -> np.ndarray:
+    """Return the values [T, ..., size] around each frame; beyond both ends they are as there."""
+    before = size // 2
+    padding = [(before, size - 1 - before), *[(0, 0)] * (values.ndim - 1)]
+    return np.lib.stride_tricks.sliding_window_view(np.pad(values, padding, mode="edge"), size, axis=0)
 
 
 def _eased(changes: np.ndarray, touches: np.ndarray) -> np.ndarray:
@@ -92,4 +106,4 @@ def _eased(changes: np.ndarray, touches: np.ndarray) -> np.ndarray:
         nearest = touching[np.abs(frames[:, None] - touching).argmin(1)]
         share = np.clip(1 - np.abs(frames - nearest) / _EASE_FRAMES, 0, 1)
         filled[:, joints] = (share * share * (3 - 2 * share))[:, None, None] * changes[nearest, joints]
-    return gaussian_filter1d(filled, _SMOOTH_FRAMES, axis=0, mode="nearest")
+    return _smoothed(filled)

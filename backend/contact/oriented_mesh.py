@@ -10,11 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ..geometry.mesh_tables import half_edges, open_half_edges
 from ..records.errors import LiveHandError
+from .walked_faces import walked_faces
 
 _SAME_SHARE = 1e-6  # of the mesh's size, within which vertices are one
 MOST_FACES = 2_000_000
@@ -45,8 +44,9 @@ def oriented_parts(vertices: np.ndarray, faces: np.ndarray) -> list[OrientedPart
     if not len(faces):
         raise LiveHandError("the object must have faces with an area, got none; choose a mesh with faces")
     joints = _joints(faces)
-    count, label = connected_components(_graph(joints, len(faces)), directed=False)
-    faces = _wound_alike(faces, joints, label, count)
+    label, flips = walked_faces(*joints, len(faces))
+    count = int(label.max()) + 1
+    faces = _wound_alike(faces, flips, label, count)
     return [_facing_outwards(vertices, faces[label == part]) for part in range(count)]
 
 
@@ -77,42 +77,13 @@ def _joints(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return face[k], face[k + 1], forward[k] != forward[k + 1]
 
 
-def _graph(joints: tuple[np.ndarray, np.ndarray, np.ndarray], count: int) -> coo_matrix:
-    first, second, _ = joints
-    return coo_matrix((np.ones(len(first)), (first, second)), (count, count))
-
-
-def _wound_alike(faces: np.ndarray, joints: tuple, label: np.ndarray, count: int) -> np.ndarray:
-    """Turn faces so that neighbours are wound alike, and parts as most of their faces were."""
-    first, second, alike = joints
-    if alike.all():
-        return faces
-    flips = _flips(first, second, alike, label, count, len(faces))
+def _wound_alike(faces: np.ndarray, flips: np.ndarray, label: np.ndarray, count: int) -> np.ndarray:
+    """Turn faces [F] that are wound otherwise than their part's first one, or the others where those are fewer."""
     turned = np.bincount(label, weights=flips, minlength=count)
-    flips ^= (2 * turned > np.bincount(label, minlength=count))[label]
+    flips = flips ^ (2 * turned > np.bincount(label, minlength=count))[label]
     faces = faces.copy()
     faces[flips] = faces[flips][:, ::-1]
     return faces
-
-
-def _flips(
-    first: np.ndarray, second: np.ndarray, alike: np.ndarray, label: np.ndarray, count: int, size: int
-) -> np.ndarray:
-    """Find which faces [F] are wound otherwise than their part's first one, along a tree of neighbours."""
-    pairs = np.concatenate([np.stack([first, second], 1), np.stack([second, first], 1)])
-    weights = np.where(np.tile(alike, 2), 1.0, 2.0)
-    graph = coo_matrix((weights, (pairs[:, 0], pairs[:, 1])), (size, size)).tocsr()
-    graph.data = np.minimum(graph.data, 2.0)
-    flips = np.zeros(size, bool)
-    mixed = np.unique(label[first[~alike]])
-    for part in mixed if len(mixed) < count else range(count):
-        order, before = breadth_first_order(graph, int(np.argmax(label == part)), directed=True)
-        if len(order) < 2:
-            continue
-        changes = np.asarray(graph[before[order[1:]], order[1:]]).ravel() > 1.5
-        for node, parent, change in zip(order[1:].tolist(), before[order[1:]].tolist(), changes.tolist(), strict=True):
-            flips[node] = flips[parent] ^ change
-    return flips
 
 
 def _facing_outwards(vertices: np.ndarray, faces: np.ndarray) -> OrientedPart:

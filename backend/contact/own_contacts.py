@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
+import torch
 
 from .contact_hand import PALM, ContactHand
 
@@ -101,7 +101,8 @@ def _can_meet(hand: ContactHand, digit: int) -> np.ndarray:
     The palm is met by what lies beyond a digit's first phalanx, whose flesh folds with its own.
     """
     is_beyond = (hand.digit != PALM) & ((hand.joint - 1) % 3 > 0)
-    distance, _ = KDTree(hand.rest[hand.digit == digit]).query(hand.rest)
+    rest = torch.as_tensor(hand.rest)
+    distance = torch.cdist(rest, rest[torch.as_tensor(hand.digit == digit)]).amin(1).numpy()
     if digit == PALM:
         return is_beyond & (distance >= _FOLD_M)
     is_other = (hand.digit != digit) & (hand.digit != PALM)
