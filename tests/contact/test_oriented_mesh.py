@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.contact.walked_faces import walked_faces
+from livehand.backend.contact.oriented_mesh import walked_faces
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
