@@ -112,8 +112,8 @@ class ContactHand:
         return np.matmul(blended[..., :3], rest[..., None])[..., 0] + blended[..., 3]
 
     def points(self, vertices: np.ndarray) -> np.ndarray:
-        """Find all points [P, 3] of posed vertices [N, 3]."""
-        return self._blended(vertices)
+        """Find all points [P, 3] of posed vertices [N, 3]; of other values of vertices, those between them."""
+        return np.einsum("pk,pkc->pc", self.shares, vertices[self.corners])
 
     def some_points(self, angles: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Pose some points [K]: [B, K, 3] m of angles [B, 15, 3] rad."""
@@ -126,11 +126,7 @@ class ContactHand:
         a, b, c = (vertices[self.faces[:, corner]] for corner in range(3))
         across, corners = np.cross(b - a, c - a), self.faces.ravel()
         around = [np.bincount(corners, np.repeat(across[:, axis], 3), len(vertices)) for axis in range(3)]
-        return _unit(self._blended(_unit(np.stack(around, 1))))
-
-    def _blended(self, values: np.ndarray) -> np.ndarray:
-        """Interpolate values [N, 3] of vertices at the points [P, 3]."""
-        return np.einsum("pk,pkc->pc", self.shares, values[self.corners])
+        return _unit(self.points(_unit(np.stack(around, 1))))
 
     @cached_property
     def _turns(self) -> np.ndarray:

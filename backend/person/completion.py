@@ -110,11 +110,12 @@ def with_unseen_detail(
     is_copied = is_sure & ~is_mark
     if not is_copied.any():
         return completed
-    trusted = is_sure.astype(np.float32)
-    base_variance = _local_mean(texels, (of_base**2).mean(1), np.ones_like(trusted))
-    own_variance = _local_mean(texels, (of_person**2).mean(1), trusted)
-    more = own_variance - _local_mean(texels, (of_base**2).mean(1), trusted)
-    copied_variance = _local_mean(texels, (of_person**2).mean(1), is_copied.astype(np.float32))
+    own_squared, base_squared = ((fine**2).mean(1) for fine in (of_person, of_base))
+    trusted, everywhere = is_sure.astype(np.float32), np.ones(len(is_sure), np.float32)
+    base_variance = _local_mean(texels, base_squared, everywhere)
+    own_variance = _local_mean(texels, own_squared, trusted)
+    more = own_variance - _local_mean(texels, base_squared, trusted)
+    copied_variance = _local_mean(texels, own_squared, is_copied.astype(np.float32))
     deviation = np.sqrt(copied_variance.clip(_LEAST_VARIANCE))[:, None]
     texture = patched(points, (of_person / deviation).clip(-_MOST_DEVIATIONS, _MOST_DEVIATIONS), is_copied)
     kept = np.sqrt((1 + more / base_variance.clip(_LEAST_VARIANCE)).clip(_LEAST_FADED**2, 1))
