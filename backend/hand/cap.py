@@ -22,8 +22,9 @@ def cap_faces(v_template: np.ndarray, f: np.ndarray) -> list[np.ndarray]:
     Raises:
         LiveHandError: the faces are not consistently wound, or an open edge touches itself.
     """
-    edges = {(min(a, b), max(a, b)) for a, b in half_edges(f).tolist()}
-    return [_triangulated(loop, v_template, edges) for loop in _open_loops(f)]
+    loops = _open_loops(f)
+    edges = set(map(tuple, np.sort(half_edges(f), 1).tolist())) if loops else set()
+    return [_triangulated(loop, v_template, edges) for loop in loops]
 
 
 def _open_loops(f: np.ndarray) -> list[list[int]]:

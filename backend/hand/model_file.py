@@ -47,9 +47,10 @@ def builtin_sha256() -> str:
     return hashlib.sha256(builtin_hand_path().read_bytes()).hexdigest()
 
 
+@cache
 def load_default_hand() -> HandModel:
-    """Load the right hand that new scenes get."""
-    return load_hand_model(builtin_hand_path())
+    """Load the right hand that new scenes get, once: its arrays are shared."""
+    return _read_model(builtin_hand_path(), "right")
 
 
 def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:
@@ -62,12 +63,17 @@ def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:
     Raises:
         LiveHandError: the file or an array is missing or malformed, or a pickle holds anything but a MANO hand.
     """
+    if side != "left" and (is_builtin_hand(path) or Path(path) == builtin_hand_path()):
+        return load_default_hand()
     path = builtin_hand_path() if is_builtin_hand(path) else Path(path)
+    return _read_model(path, side or ("left" if "left" in path.stem.lower() else "right"))
+
+
+def _read_model(path: Path, side: Side) -> HandModel:
     arrays = _read_arrays(path)
     missing = [key for key in REQUIRED_KEYS if key not in arrays]
     if missing:
         raise LiveHandError(f"{path} must hold a MANO-format hand; missing: {', '.join(missing)}")
-    side = side or ("left" if "left" in path.stem.lower() else "right")
     model = _from_arrays(arrays, path, side)
     _check_model(model, path)
     return replace(model, shapedirs=_unmirror_left_shapedirs(model.shapedirs, model.v_template, side))

@@ -278,15 +278,21 @@ def _give_weights(mesh: bpy.types.Object, surface: np.ndarray, weights: np.ndarr
             vertex_group.add([int(vertex)], float(own[vertex, column]), "REPLACE")
 
 
+def _read(elements, name: str, width: int = 1) -> np.ndarray:
+    values = np.empty(len(elements) * width, np.float32 if name in ("co", "normal") else np.int32)
+    elements.foreach_get(name, values)
+    return values.reshape(-1, width) if width > 1 else values
+
+
 def _add_material(mesh: bpy.types.Object, rng) -> None:
     """A painted material and a UV atlas: the back of the hand on the left half, the palm on the right."""
     data = mesh.data
     layer = data.uv_layers.new(name="Atlas")
-    low, high = (np.array([op([v.co[k] for v in data.vertices]) for k in range(3)]) for op in (min, max))
-    for polygon in data.polygons:
-        for loop in polygon.loop_indices:
-            u, v, _ = (np.array(data.vertices[data.loops[loop].vertex_index].co) - low) / (high - low)
-            layer.data[loop].uv = (u / 2 + (0.5 if polygon.normal.z < 0 else 0), v)
+    points = _read(data.vertices, "co", 3)
+    places = ((points - points.min(0)) / (points.max(0) - points.min(0)))[_read(data.loops, "vertex_index")]
+    is_palm = _read(data.polygons, "normal", 3)[:, 2] < 0
+    palm_corners = np.repeat(is_palm, _read(data.polygons, "loop_total"))
+    layer.data.foreach_set("uv", np.stack([places[:, 0] / 2 + palm_corners / 2, places[:, 1]], 1).ravel())
     image = bpy.data.images.new(f"{mesh.name} Paint", 32, 32)
     rows = np.ones((32, 32, 4), np.float32)
     rows[..., :3] = [0.75, 0.5, 0.4] + 0.15 * rng.normal(size=(32, 32, 3))
