@@ -72,7 +72,7 @@ def test_a_hidden_hand_is_no_splats(scene, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("has_skin", [True, False])
+@pytest.mark.parametrize("has_skin", [pytest.param(True, marks=pytest.mark.nightly), False])
 def test_exports_from_the_menu_wear_the_hands_avatar(scene, tmp_path, has_skin):
     path, options = tmp_path / "hand.glb", {"format": "gltf", "has_skin": has_skin, "texture_px": 32}
     assert bpy.ops.livehand.export_take(filepath=str(path), **options) == {"FINISHED"}

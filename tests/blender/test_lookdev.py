@@ -62,7 +62,7 @@ def test_the_lamp_stands_off_the_view_and_shines_on_the_subject(right_hand):
     np.testing.assert_allclose(lamp[:3, :3].T @ lamp[:3, :3], np.eye(3), atol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_small_run_writes_sheets_and_figures(right_hand, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(capture_render, "detailed_surface", lambda model: detailed_surface(model, levels=1))
     monkeypatch.setattr(capture_render, "bake_skin", partial(bake_skin, size_px=256))

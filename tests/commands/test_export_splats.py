@@ -49,6 +49,7 @@ def test_a_take_is_a_numbered_sequence_with_its_avatars_name(take, tmp_path, cap
     assert 0.07 < np.median(second[:, 2] - first[:, 2]) < 0.13
 
 
+@pytest.mark.nightly
 def test_the_suffix_of_gltf_means_splats_where_the_format_says_so(tmp_path, capsys):
     write_motion(HandMotion(np.zeros((1, 16, 3)), np.zeros(10), np.zeros((1, 3)), 25.0, "right"), tmp_path / "pose.npz")
     assert run(tmp_path / "pose.npz", "-o", tmp_path / "hand.glb", "--format", "splats", *FEW) == 0

@@ -27,16 +27,16 @@ def a_camera(size_px=SIZE, focal_px=19.37, origin=(1.07, -2.03, 0.81)):
 def reference(mesh, camera):
     """{(pixel, face): (depth along the axis, front)}: rays through pixel centres against every triangle, in 3-D."""
     found = {}
+    a, b, c = np.moveaxis(np.asarray(mesh.vertices[mesh.faces]), 1, 0)
+    normal = np.cross(b - a, c - a)
     for row in range(camera.size_px[1]):
         for column in range(camera.size_px[0]):
             direction = camera.ray_directions(np.array([column + 0.5, row + 0.5]))
-            for face, (a, b, c) in enumerate(mesh.vertices[mesh.faces]):
-                normal = np.cross(b - a, c - a)
-                depth = (a - camera.origin) @ normal / (direction @ normal)
-                hit = camera.origin + depth * direction
-                sides = [np.cross(q - p, hit - p) @ normal for p, q in ((a, b), (b, c), (c, a))]
-                if min(sides) >= 0 and depth > 0:
-                    found[row * camera.size_px[0] + column, face] = depth, direction @ normal < 0
+            depth = ((a - camera.origin) * normal).sum(1) / (normal @ direction)
+            hit = camera.origin + depth[:, None] * direction
+            sides = [(np.cross(q - p, hit - p) * normal).sum(1) for p, q in ((a, b), (b, c), (c, a))]
+            for face in np.flatnonzero((np.min(sides, 0) >= 0) & (depth > 0)):
+                found[row * camera.size_px[0] + column, int(face)] = depth[face], normal[face] @ direction < 0
     return found
 
 

@@ -51,7 +51,7 @@ def off_px(model, pictures, truth):
     return np.array(places)
 
 
-@pytest.mark.parametrize("sees_edges", [True, False])
+@pytest.mark.parametrize("sees_edges", [pytest.param(True, marks=pytest.mark.nightly), False])
 def test_skin_brings_hand_and_cameras_back(spotted, sees_edges):
     model, light = spotted
     hand = pictured(model, light.light)

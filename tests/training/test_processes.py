@@ -19,6 +19,7 @@ from livehand.livehand_blender.cli import COMMANDS
 CPU = torch.device("cpu")
 
 
+@pytest.mark.nightly
 def test_two_processes_of_torchrun_give_the_result_of_one(painted_capture, tmp_path, capsys, weights_of, log_of):
     options = ["--steps", "5", "--batch", "2", "--perceptual", "0", "--device", "cpu", "--precision", "fp32", "--json"]
     options += ["--preview-minutes", "0"]

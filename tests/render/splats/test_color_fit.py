@@ -28,7 +28,7 @@ def truth():
 
 def views_of(truth, towards):
     for direction in towards:
-        camera = fitting_camera(truth.positions, tuple(direction), (96, 96), 0.9)
+        camera = fitting_camera(truth.positions, tuple(direction), (56, 56), 0.9)
         yield LitView(camera, rasterised(truth, camera))
 
 

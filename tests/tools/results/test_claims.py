@@ -129,7 +129,7 @@ def test_zips_are_compared_if_they_are_built(monkeypatch):
     assert outcome.unmeasured == ["zip slim: not in dist/release; make release"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_avatars_headers_hold_and_the_exit_code_tells(monkeypatch, capsys):
     """The real ones, which take a second."""
     assert main(["avatars"]) == 0
