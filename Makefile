@@ -25,7 +25,7 @@ KILLS ?= 200
 # A Blender program for `make test-gui`, with torch in its Python.
 BLENDER ?= blender
 
-.PHONY: demo test test-fast test-nightly fuzz kills test-cuda gates test-gui test-matrix check results benchmark claims docs zip release clean
+.PHONY: demo test test-fast test-nightly fuzz kills test-cuda gates test-gui test-matrix check results benchmark claims film docs zip release clean
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
@@ -100,6 +100,12 @@ benchmark: $(VENV)/dev.stamp
 # be measured here is listed (STRICT=1: fails, too). A quarter of an hour; run it before a release.
 claims: $(VENV)/dev.stamp
 	$(VENV_PYTHON) -m livehand.tools.results.claims $(if $(STRICT),--strict)
+
+# Two minutes of what LiveHand does, in out/film.mp4: an hour on two cores, the better part of it Cycles'. It goes on where it was
+# stopped. Needs the hand tracker (livehand fetch-tracker).
+FILM ?=
+film: $(VENV)/dev.stamp
+	$(VENV_PYTHON) -m livehand.tools.film.make out/film.mp4 $(FILM)
 
 # The pages of docs/ as a site, in out/site; a warning is an error.
 docs: $(VENV)/docs.stamp
