@@ -26,7 +26,7 @@ WAVE = ("Relaxed", "Open", "Spread", "Victory", "OK", "Thumbs Up", "Loose Fist",
 PEOPLE = ("light", "middle", "deep")
 _EXAMPLES = ROOT / "examples"
 _HELD = 0.35  # of the time from pose to pose
-_LAMP_W, _LAMP_M, _LAMP_SIDE_M, _NIGHT = 9.0, 0.6, 0.15, 0.025
+_LAMP_W, _LAMP_M, _LAMP_SIDE_M, _NIGHT = 6.0, 0.6, 0.15, 0.025
 
 
 def poses(film_set: FilmSet) -> Draw:
@@ -75,7 +75,7 @@ def person_by_numbers(film_set: FilmSet, numbers: dict[str, float], seed: int) -
 
 def _turned(film_set: FilmSet, person: api.Person, share: float) -> np.ndarray:
     pose = api.named_pose("Relaxed", wrist=np.array([0, 0, 2 * np.pi * eased(share)]))
-    camera = person.camera(api.named_pose("Spread"), film_set.size_px)
+    camera = person.camera(api.named_pose("Relaxed"), film_set.size_px)
     return film_set.over_backdrop(person.render(pose, camera, api.studio_light()))
 
 
@@ -162,7 +162,7 @@ AGED = {"age": 68.0, "tone": 0.25, "veins": 0.7, "freckles": 0.6}
 YOUNG = {"age": 24.0, "tone": 0.75}
 CUTS = (
     Cut("poses", "Pose a hand in Blender, get photoreal frames back", 20, poses),
-    Cut("people", "Three people ship with it; no one of them exists", 15, people),
+    Cut("people", "Three people ship with it; none of them exists", 15, people),
     Cut("lamp", "In the light of your scene: one lamp, circling", 12, circling_lamp),
     Cut("light", "Left: the light of the capture. Right: any other", 14, old_and_new_light),
     Cut(
