@@ -14,6 +14,7 @@ import numba
 from numba.core import config
 from numba.core.dispatcher import Dispatcher
 from numba.core.options import DefaultOptions
+from numba.core.registry import CPUDispatcher
 
 from .cache_folder import kernel_folder_name, writable_cache
 
@@ -47,13 +48,22 @@ def compiled_part_loosely(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _compiled(function: Callable[..., Any], fastmath: bool | set[str], is_part: bool = False) -> Callable[..., Any]:
+    plain = inspect.unwrap(function)  # without the type checker that the tests wrap around everything
+    settings: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "forceinline": True}
+    settings["no_cfunc_wrapper"] = True  # which only C would call
+    if is_part:
+        return KernelPart(plain, targetoptions={"nopython": True, _WITHOUT_PYTHON: True, **_UNCOUNTED, **settings})
     with disk_cache() as has_cache:
-        plain = inspect.unwrap(function)  # without the type checker that the tests wrap around everything
-        settings: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "forceinline": True}
-        settings["no_cfunc_wrapper"] = True  # which only C would call
-        if is_part:
-            settings |= {_WITHOUT_PYTHON: True, **_UNCOUNTED}
-        return numba.njit(cache=has_cache and not is_part, **settings)(plain)
+        return numba.njit(cache=has_cache, **settings)(plain)
+
+
+class KernelPart(CPUDispatcher):
+    """What kernels call and Python cannot: numba would jump to an entry that is not there, and end the process."""
+
+    def __call__(self, *args: Any, **named: Any) -> None:
+        """Raise TypeError."""
+        name = self.py_func.__name__
+        raise TypeError(f"'{name}' is a part of kernels, which they alone call; decorate it as a kernel")
 
 
 @contextlib.contextmanager
@@ -84,5 +94,5 @@ def kernel_counts() -> tuple[int, int]:
     """Count the kernels that have machine code, and all of those that are imported; parts of kernels do not count."""
     loaded = [module for name, module in sys.modules.items() if name.startswith(f"{__package__}.")]
     found = {id(one): one for module in loaded for one in vars(module).values() if isinstance(one, Dispatcher)}
-    kernels = {key: one for key, one in found.items() if not one.targetoptions.get(_WITHOUT_PYTHON)}
-    return sum(bool(kernel.signatures) for kernel in kernels.values()), len(kernels)
+    kernels = [one for one in found.values() if not isinstance(one, KernelPart)]
+    return sum(bool(kernel.signatures) for kernel in kernels), len(kernels)
