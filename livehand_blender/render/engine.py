@@ -27,6 +27,7 @@ from ...backend.render.picture import Picture, compose_picture, surface_of
 from ...backend.render.session import Session
 from ...backend.system.memory import memory_message
 from ..hands.proxy import hidden_from_camera, hide_from_camera, move_vertices, use_albedo
+from ..scene.removal import settle_removals
 from ..scene.settings import ENGINE
 from .cycles import CyclesEngine, has_only_hands, is_in_scene, one_sample, scene_layer
 from .frame_setup import FrameSetup, ViewSetup, VisibleHands, read_frame_setup, read_frame_task
@@ -189,7 +190,10 @@ class LiveHandRender(CyclesEngine):
         if self._in_background(lambda _: self._load(hands)) is None:
             return None
         frame = read_frame_setup(self, depsgraph, hands, session)
-        return with_measured_light(frame, LiveHandRender, session.rendering) if frame.is_in_scene else frame
+        if frame.is_in_scene:
+            frame = with_measured_light(frame, LiveHandRender, session.rendering)
+        settle_removals(depsgraph)
+        return frame
 
     def _load(self, hands: VisibleHands) -> bool:
         """Load the hands' renderers, in any thread, so that reading the frame waits for none."""
