@@ -47,7 +47,7 @@ from .viewport_shared import ViewportShared
 
 LOGGER = logging.getLogger(__name__)
 
-_SOON_S, _SHOWN_S = 2.0, 0.5
+_SOON_S, _SHOWN_S = 0.1, 0.5
 
 Result = TypeVar("Result")
 ResultOfHands = Callable[[], tuple[ExposureFrames, ...] | None]
@@ -308,11 +308,11 @@ def stop_preparing() -> None:
 
 def _prepare() -> float | None:
     """Start, and show in 3D views how far it is, until it is done."""
-    LiveHandRender.preparation.go_on()
+    goes_on = LiveHandRender.preparation.go_on()
     for manager in bpy.data.window_managers:
         for area in (area for window in manager.windows for area in window.screen.areas if area.type == "VIEW_3D"):
             area.tag_redraw()
-    return _SHOWN_S if LiveHandRender.preparation.progress else None
+    return _SHOWN_S if goes_on else None
 
 
 CLASSES = (LiveHandRender, LIVEHAND_PT_hand_light, LIVEHAND_PT_passes)
