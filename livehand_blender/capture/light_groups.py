@@ -10,9 +10,9 @@ import numpy as np
 
 from ...backend.capture.exr import read_exr
 from ...backend.records.errors import LiveHandError
+from ..compositing.tree import IS_GROUP, compositor_of
 
 _WHOLE = "whole"  # the file of the sum of all groups
-_IS_GROUP = "compositing_node_group" in bpy.types.Scene.bl_rna.properties  # from Blender 5.0 on
 
 
 class LightGroupPasses:
@@ -29,7 +29,6 @@ class LightGroupPasses:
             self._layer.lightgroups.add(name=name)
         scene.cycles.use_denoising = False
         self._layer.cycles.denoising_store_passes = True
-        scene.render.use_compositing = True
 
     def render(self, count: int, is_denoised: bool = True) -> tuple[np.ndarray, list[np.ndarray]]:
         """Render alpha [h, w] and the first `count` groups [h, w, 3], premultiplied: float32, of the render's border.
@@ -55,7 +54,7 @@ class LightGroupPasses:
 
     def _connect(self, folder: Path, names: tuple[str, ...], is_denoised: bool) -> None:
         """Save Combined and the groups as files in the folder."""
-        tree = _compositor_tree(self._scene)
+        tree = compositor_of(self._scene)
         tree.nodes.clear()
         passes = tree.nodes.new("CompositorNodeRLayers")
         file = tree.nodes.new("CompositorNodeOutputFile")
@@ -72,18 +71,9 @@ class LightGroupPasses:
             tree.links.new(picture, file.inputs[name])
 
 
-def _compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
-    if _IS_GROUP:
-        if scene.compositing_node_group is None:
-            scene.compositing_node_group = bpy.data.node_groups.new("Compositing", "CompositorNodeTree")
-        return scene.compositing_node_group
-    scene.use_nodes = True
-    return scene.node_tree
-
-
 def _set_output(file: bpy.types.Node, folder: Path, names: tuple[str, ...]) -> None:
     """Write one uncompressed float OpenEXR file for each name."""
-    if _IS_GROUP:
+    if IS_GROUP:
         file.directory, file.file_name = str(folder), ""
         file.format.media_type = "IMAGE"
         file.file_output_items.clear()

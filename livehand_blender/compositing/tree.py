@@ -1,26 +1,52 @@
-"""A scene's compositor nodes and their output, in both Blender 4 (`Scene.node_tree`) and 5 (a node group)."""
+"""A scene's compositor nodes and their output: `Scene.node_tree` in Blender 4, node groups since 5."""
 
 from __future__ import annotations
 
 import bpy
 
-# Since Blender 5 a scene refers to a node group, whose Group Output replaces the Composite node.
-IS_GROUP = "compositing_node_group" in bpy.types.Scene.bl_rna.properties
+# Since Blender 5 a scene refers to a node group, whose Group Output replaces the Composite node; since 5.3 to several.
+_OF_SCENE = bpy.types.Scene.bl_rna.properties
+_HAS_EFFECTS = "compositor_effects" in _OF_SCENE
+IS_GROUP = _HAS_EFFECTS or "compositing_node_group" in _OF_SCENE
 MATH = "ShaderNodeMath" if IS_GROUP else "CompositorNodeMath"
+_NAME = "Compositing"
 
 
 def compositor_of(scene: bpy.types.Scene) -> bpy.types.NodeTree:
     """Return the scene's compositor nodes, which are switched on and, if there were none, created empty."""
     scene.render.use_compositing = True
     if IS_GROUP:
-        if scene.compositing_node_group is None:
-            scene.compositing_node_group = bpy.data.node_groups.new("Compositing", "CompositorNodeTree")
-        return scene.compositing_node_group
+        owner, name = _owner_of_group(scene)
+        if getattr(owner, name) is None:
+            setattr(owner, name, bpy.data.node_groups.new(_NAME, "CompositorNodeTree"))
+        return getattr(owner, name)
     is_new = scene.node_tree is None
     scene.use_nodes = True
     if is_new:
         scene.node_tree.nodes.clear()  # Blender's default nodes
     return scene.node_tree
+
+
+def used_compositors(scene: bpy.types.Scene) -> list[bpy.types.NodeTree]:
+    """List the compositor nodes that a render of the scene passes through."""
+    if not scene.render.use_compositing:
+        return []
+    if _HAS_EFFECTS:
+        trees = [effect.node_group for effect in scene.compositor_effects if effect.enable_for_render]
+    elif IS_GROUP:
+        trees = [scene.compositing_node_group]
+    else:
+        trees = [scene.node_tree] if scene.use_nodes else []
+    return [tree for tree in trees if tree is not None]
+
+
+def _owner_of_group(scene: bpy.types.Scene) -> tuple[bpy.types.bpy_struct, str]:
+    """Return what refers to the scene's node group, switched on, and by which property."""
+    if not _HAS_EFFECTS:
+        return scene, "compositing_node_group"
+    effect = scene.compositor_effects.active or scene.compositor_effects.new(_NAME)
+    effect.enable_for_render = True
+    return effect, "node_group"
 
 
 def output_input(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:

@@ -27,6 +27,7 @@ from ...backend.render.picture import Picture, compose_picture, surface_of
 from ...backend.render.session import Session
 from ...backend.system.memory import memory_message
 from ..hands.proxy import hidden_from_camera, hide_from_camera, move_vertices, use_albedo
+from ..scene.removal import settle_removals
 from ..scene.settings import ENGINE
 from .cycles import CyclesEngine, has_only_hands, is_in_scene, one_sample, scene_layer
 from .frame_setup import FrameSetup, ViewSetup, VisibleHands, read_frame_setup, read_frame_task
@@ -46,7 +47,7 @@ from .viewport_shared import ViewportShared
 
 LOGGER = logging.getLogger(__name__)
 
-_SOON_S, _SHOWN_S = 2.0, 0.5
+_SOON_S, _SHOWN_S = 0.1, 0.5
 
 Result = TypeVar("Result")
 ResultOfHands = Callable[[], tuple[ExposureFrames, ...] | None]
@@ -189,7 +190,10 @@ class LiveHandRender(CyclesEngine):
         if self._in_background(lambda _: self._load(hands)) is None:
             return None
         frame = read_frame_setup(self, depsgraph, hands, session)
-        return with_measured_light(frame, LiveHandRender, session.rendering) if frame.is_in_scene else frame
+        if frame.is_in_scene:
+            frame = with_measured_light(frame, LiveHandRender, session.rendering)
+        settle_removals(depsgraph)
+        return frame
 
     def _load(self, hands: VisibleHands) -> bool:
         """Load the hands' renderers, in any thread, so that reading the frame waits for none."""
@@ -304,11 +308,11 @@ def stop_preparing() -> None:
 
 def _prepare() -> float | None:
     """Start, and show in 3D views how far it is, until it is done."""
-    LiveHandRender.preparation.go_on()
+    goes_on = LiveHandRender.preparation.go_on()
     for manager in bpy.data.window_managers:
         for area in (area for window in manager.windows for area in window.screen.areas if area.type == "VIEW_3D"):
             area.tag_redraw()
-    return _SHOWN_S if LiveHandRender.preparation.progress else None
+    return _SHOWN_S if goes_on else None
 
 
 CLASSES = (LiveHandRender, LIVEHAND_PT_hand_light, LIVEHAND_PT_passes)

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import bpy
 
-from ..compositing.tree import IS_GROUP
+from ..compositing.tree import used_compositors
 from ..scene.file_paths import output_path
 
 FileOutputs = Literal["keep", "mute", "move"]
@@ -43,24 +43,24 @@ def _warning(paths: list[Path]) -> str | None:
 
 def _paths(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Node, Path]]:
     """Yield the nodes that write, and where."""
-    tree = scene.compositing_node_group if IS_GROUP else scene.use_nodes and scene.node_tree
-    if not (tree and scene.render.use_compositing):
-        return
-    for one in _with_groups(tree, []):
-        for node in one.nodes:
-            if node.bl_idname == "CompositorNodeOutputFile" and not node.mute:
-                yield node, Path(bpy.path.abspath(getattr(node, _BASE_PATH), library=one.library)).absolute()
-
-
-def _with_groups(tree: bpy.types.NodeTree, seen: list[bpy.types.NodeTree]) -> list[bpy.types.NodeTree]:
-    """List the tree, and those of all groups in it, each once."""
-    if tree not in seen:
-        seen.append(tree)
+    seen: list[bpy.types.NodeTree] = []
+    for tree in used_compositors(scene):
+        _add_with_groups(tree, seen)
+    for tree in seen:
         for node in tree.nodes:
-            inner = getattr(node, "node_tree", None)
-            if inner is not None and not node.mute:
-                _with_groups(inner, seen)
-    return seen
+            if node.bl_idname == "CompositorNodeOutputFile" and not node.mute:
+                yield node, Path(bpy.path.abspath(getattr(node, _BASE_PATH), library=tree.library)).absolute()
+
+
+def _add_with_groups(tree: bpy.types.NodeTree, seen: list[bpy.types.NodeTree]) -> None:
+    """Add to a list the tree, and those of all groups in it, each once."""
+    if tree in seen:
+        return
+    seen.append(tree)
+    for node in tree.nodes:
+        inner = getattr(node, "node_tree", None)
+        if inner is not None and not node.mute:
+            _add_with_groups(inner, seen)
 
 
 def _names_a_file(node: bpy.types.Node) -> bool:

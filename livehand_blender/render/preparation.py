@@ -15,30 +15,35 @@ _TITLE = "Preparing LiveHand (once)"
 class Preparation:
     """The processes that compile the kernels; none before they are needed, and after they have been.
 
-    Views wait for the first ones, which share what a picture needs; one more compiles the rest beside them.
+    Views wait until the first ones have what a coarse picture needs, which they share. These go on with what a
+    finished one needs, and one more compiles the rest.
     """
 
     def __init__(self):
         self._first: tuple[ChildJob, ...] = ()
         self._last: ChildJob | None = None
 
-    def go_on(self) -> None:
-        """Start what is to be done next, if the packages are there and the kernels are not."""
-        if self._last is not None or self.progress is not None:
-            return
+    def go_on(self) -> bool:
+        """Start what is to be done next, if the packages are there and the kernels are not.
+
+        Returns whether there will be more to do.
+        """
+        if self._last is not None or any(job.is_running for job in self._first):
+            return self._last is None
         if not self._first and not _is_needed():
-            return
+            return False
         from ...backend.render.ahead import job
 
         if self._first:
             self._last = _start(job.LAST_REQUEST)
         else:
             self._first = tuple(map(_start, job.first_requests()))
+        return self._last is None
 
     @property
     def progress(self) -> JobProgress | None:
         """What users are told; None while no view has to wait."""
-        if not any(job.is_running for job in self._first):
+        if not any(map(_is_awaited, self._first)):
             return None
         share = sum(job.progress.share or 0.0 for job in self._first)  # of all kernels each
         return JobProgress(f"{_TITLE}: {share:.0%}", share)
@@ -55,6 +60,13 @@ def _is_needed() -> bool:
     from ...backend.compute.kernels.cache_folder import is_prepared
 
     return not is_prepared()
+
+
+def _is_awaited(process: ChildJob) -> bool:
+    """Return whether views wait for one of the first processes."""
+    from ...backend.render.ahead import job
+
+    return process.is_running and process.progress.text != job.READY
 
 
 def _start(request: list[int] | None) -> ChildJob:

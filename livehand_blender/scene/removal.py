@@ -13,6 +13,10 @@ from collections.abc import Iterable
 
 import bpy
 
+_CRASHES_AFTER_REMOVALS = (5, 2)
+"""From this version of Blender on an animation crashes at its next frame if a frame's render has removed objects or
+scenes: the copy of the scene that it evaluates then lacks originals. No LiveHand is needed for it."""
+
 
 def remove_scene(scene: bpy.types.Scene, others: Iterable[bpy.types.ID] = ()) -> None:
     """Remove a scene that no window shows, whatever the context is.
@@ -38,3 +42,9 @@ def is_shown(scene: bpy.types.Scene) -> bool:
     managers = bpy.data.window_managers
     windows = (window for manager in managers for window in manager.windows)
     return any(window.scene == scene for window in windows)
+
+
+def settle_removals(depsgraph: bpy.types.Depsgraph) -> None:
+    """Bring a frame's depsgraph up to date with what was removed while the frame is rendered."""
+    if bpy.app.version >= _CRASHES_AFTER_REMOVALS:
+        depsgraph.update()

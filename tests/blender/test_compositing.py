@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.compositing.image_files import ImageFiles
-from livehand.livehand_blender.compositing.tree import compositor_of, output_input
+from livehand.livehand_blender.compositing.tree import compositor_of, output_input, used_compositors
 from PIL import Image
 
 SIZE = (48, 64)
@@ -336,3 +336,27 @@ def test_undo_removes_the_nodes(users_tree):
     assert len(compositor_of(scene).nodes) == 4
     bpy.ops.ed.undo()
     assert len(compositor_of(bpy.context.scene).nodes) == 2
+
+
+def test_the_nodes_that_a_render_passes_through_are_found(empty_scene):
+    assert used_compositors(empty_scene) == []
+    tree = compositor_of(empty_scene)
+    assert compositor_of(empty_scene) == tree
+    assert used_compositors(empty_scene) == [tree]
+    empty_scene.render.use_compositing = False
+    assert used_compositors(empty_scene) == []
+
+
+@pytest.mark.skipif(not hasattr(bpy.types, "SceneCompositorEffect"), reason="scenes have effects since Blender 5.3")
+def test_each_effect_that_renders_is_among_them_and_a_set_up_turns_its_own_on(empty_scene):
+    tree = compositor_of(empty_scene)
+    (first,) = empty_scene.compositor_effects
+    second = empty_scene.compositor_effects.new("Second")
+    assert used_compositors(empty_scene) == [tree]  # the second has no nodes yet
+    second.node_group = other = bpy.data.node_groups.new("Second", "CompositorNodeTree")
+    assert used_compositors(empty_scene) == [tree, other]
+    first.enable_for_render = False
+    assert used_compositors(empty_scene) == [other]
+    empty_scene.compositor_effects.active = first
+    assert compositor_of(empty_scene) == tree
+    assert used_compositors(empty_scene) == [tree, other]

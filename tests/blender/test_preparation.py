@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import livehand
 import pytest
 from livehand.backend.compute.kernels import cache_folder
+from livehand.backend.render.ahead.job import READY
 from livehand.backend.system.child_job import JobProgress
 from livehand.livehand_blender.render import preparation
 from livehand.livehand_blender.render.preparation import Preparation, draw_preparation
@@ -37,8 +38,8 @@ def started(monkeypatch):
 def test_it_starts_once_and_says_how_far_it_is(started):
     one = Preparation()
     assert one.progress is None
-    one.go_on()
-    one.go_on()
+    assert one.go_on()
+    assert one.go_on()
     assert [job.request for job in started] == [[0, 2], [1, 2]]
     started[0].progress = JobProgress("starting")
     assert one.progress == JobProgress("Preparing LiveHand (once): 25%", 0.25)
@@ -58,9 +59,14 @@ def test_what_pictures_do_not_need_at_first_is_compiled_once_while_no_view_waits
     one = Preparation()
     one.go_on()
     for job in started:
+        job.progress = JobProgress(READY, 0.4)
+        assert (one.progress is None) == (job is started[1])
+    assert one.go_on()  # what a finished picture needs is still to come
+    assert len(started) == 2
+    for job in started:
         job.is_running = False
-    one.go_on()
-    one.go_on()
+    assert not one.go_on()
+    assert not one.go_on()
     assert [job.request for job in started] == [[0, 2], [1, 2], None]
     assert one.progress is None
     one.stop()
@@ -83,5 +89,5 @@ def test_it_does_not_start_where_there_is_nothing_to_do(started, monkeypatch, wh
         monkeypatch.setattr(cache_folder, "is_prepared", lambda: True)
     else:
         monkeypatch.setattr(preparation.importlib.util, "find_spec", lambda name: None)
-    Preparation().go_on()
+    assert not Preparation().go_on()
     assert started == []

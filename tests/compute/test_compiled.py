@@ -17,8 +17,13 @@ from livehand.backend.compute.kernels.cache_folder import (
     mark_prepared,
     writable_cache,
 )
-from livehand.backend.compute.kernels.compiled import _cache_folder, compiled, compiled_loosely, kernel_counts
-from numba.core.dispatcher import Dispatcher
+from livehand.backend.compute.kernels.compiled import (
+    _cache_folder,
+    compiled,
+    compiled_loosely,
+    compiled_part,
+    kernel_counts,
+)
 
 
 def test_single_precision_stays_single():
@@ -44,8 +49,21 @@ def test_whether_all_kernels_are_compiled_is_known_without_numba(monkeypatch, tm
     assert _cache_folder(str(tmp_path)) == folder
 
 
+def test_a_part_of_a_kernel_called_by_python_is_an_error_before_and_after_it_is_compiled():
+    """It has no entry for Python, where numba would jump to nowhere."""
+    part = compiled_part(_plus_third)
+    kernel = compiled(lambda x: part(x) + x)
+    message = "'_plus_third' is a part of kernels, which they alone call; decorate it as a kernel"
+    with pytest.raises(TypeError, match=message):
+        part(np.float32(1))
+    assert kernel(np.float32(1)) == part.py_func(np.float32(1)) + np.float32(1)
+    assert part.signatures
+    with pytest.raises(TypeError, match=message):
+        part(np.float32(1))
+
+
 def test_python_calls_no_part_of_a_kernel():
-    """Parts have no entry for Python: a call would end the process."""
+    """Which would be an error, also where no test runs it."""
     from livehand.backend.compute.cpu import backend
 
     folder = Path(backend.__file__).parent
@@ -58,12 +76,7 @@ def test_python_calls_no_part_of_a_kernel():
             for name, value in vars(kernels).items()
             if f"{alias}.{name}(" in source.read_text()
         }
-        parts = [
-            name
-            for name, value in named.items()
-            if isinstance(value, Dispatcher) and value.targetoptions.get("no_cpython_wrapper")
-        ]
-        assert parts == [], source
+        assert [name for name, value in named.items() if isinstance(value, compiled_module.KernelPart)] == [], source
 
 
 @pytest.mark.slow

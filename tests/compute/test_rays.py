@@ -52,6 +52,17 @@ def test_rays_and_samples_are_those_of_torch(posed, view_from, direction, gestur
     assert not rays.is_stopped.all()
 
 
+@pytest.mark.parametrize("gesture", ["open", "fist"])
+def test_rays_of_an_orthographic_camera_are_those_of_torch(posed, view_from, gesture):
+    """From so near that depths in a pinhole's way would be up to 0.1 mm off."""
+    hand = posed(gesture)
+    view = view_from(hand.mesh, (0.2, 0.3, -1), distance=0.25)
+    K = view.K.clone()
+    K[:2, :2] /= 0.25
+    rays = assert_same(hand.mesh, hand.topology, CameraTensors(K, view.world2cam, view.size_px, is_orthographic=True))
+    assert len(rays.pixel) > 200
+
+
 @pytest.mark.parametrize(("gesture", "direction"), [("open", (0.1, -1, 0.2)), ("fist", (-1, -0.5, 0.3))])
 @pytest.mark.parametrize("seed", [None, 5])
 def test_samples_about_a_known_surface_are_those_of_torch(posed, view_from, gesture, direction, seed):

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.field.rays import HandInView, camera_tensors, ray_directions
+from livehand.backend.compute.cpu.backend import NumbaBackend
+from livehand.backend.field.rays import HandInView, camera_tensors, ray_directions, ray_origins
 from livehand.backend.field.sampler import (
     BEFORE_M,
     BEHIND_M,
     SAMPLES_AT_SURFACE,
     SamplerConfig,
+    first_hit,
     sample_rays,
     shell_intervals,
 )
@@ -62,6 +64,22 @@ def test_intervals_of_a_sphere_are_those_of_the_ray(spheres):
         start.gather(1, first)[is_clear, 0], outer_in[intervals.pixel][is_clear], atol=4 * FACET_M, rtol=0
     )
     torch.testing.assert_close(end.gather(1, first)[is_clear, 0], expected_end[is_clear], atol=8 * FACET_M, rtol=0)
+
+
+@pytest.mark.parametrize("find", [first_hit, NumbaBackend.first_hit])
+@pytest.mark.parametrize("is_orthographic", [False, True])
+def test_first_hits_lie_in_the_planes_of_their_faces(spheres, find, is_orthographic):
+    """Which are 2 cm wide here: by the other camera's rule for depth, hits would be 0.1 mm beside them."""
+    mesh, topology = spheres(((0, 0, 0), RADIUS_M), subdivisions=1)
+    view = a_view(origin=(0.03, -0.12, 0.05), focal_px=400.0 if is_orthographic else 50.0)
+    view = view._replace(is_orthographic=is_orthographic)
+    found = find(HandInView(mesh, topology, view))
+    pixel = (found.face >= 0).nonzero()[:, 0]
+    points = ray_origins(view, pixel) + found.depth[pixel, None] * ray_directions(view, pixel)
+    a, b, c = mesh.vertices[topology.faces[found.face[pixel].long()]].unbind(1)
+    normal = torch.nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=1)
+    assert len(pixel) > 500
+    assert ((points - a) * normal).sum(1).abs().max() < 1e-6
 
 
 def test_every_ray_of_the_outer_sphere_is_there_and_no_other(spheres):

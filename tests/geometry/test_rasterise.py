@@ -113,6 +113,18 @@ def test_a_triangle_by_hand():
     assert not fragments.is_front.any()  # runs clockwise with y down: seen from behind
 
 
+@pytest.mark.parametrize("is_orthographic", [True, False])
+def test_depth_or_its_inverse_is_linear_on_screen(is_orthographic):
+    """From 0.2 at the left edge of a square of 10 px to 0.8 at its right one."""
+    corners = torch.tensor([[0.0, 0], [10, 0], [10, 10], [0, 10]], dtype=torch.float64)
+    depth = torch.tensor([0.2, 0.8, 0.8, 0.2], dtype=torch.float64)
+    found = rasterise(corners, depth, torch.tensor([[0, 1, 2], [0, 2, 3]]), (10, 10), is_orthographic)
+    share = (found.pixel % 10 + 0.5) / 10
+    expected = 0.2 + 0.6 * share if is_orthographic else 1 / (5 + (1.25 - 5) * share)
+    torch.testing.assert_close(found.depth, expected.double())
+    assert len(found.pixel) >= 100
+
+
 def test_depth_has_gradients():
     corners = torch.tensor([[1.1, 1.2], [9.3, 1.0], [1.4, 8.8]], dtype=torch.float64, requires_grad=True)
     depth = torch.tensor([1.0, 2.0, 3.0], dtype=torch.float64, requires_grad=True)

@@ -104,6 +104,19 @@ def test_the_maps_of_passes_are_those_of_the_far_camera(hand, shot):
     np.testing.assert_allclose(depth, found.depth[seen], atol=1e-6)
 
 
+def test_the_depth_of_passes_is_linear_on_screen(hand, shot):
+    """A hand that is flattened onto a plane through the camera's view, as steep that its faces' corners lie apart."""
+    cam2world = shot.camera.cam2world
+    in_camera = (shot.vertices - cam2world[:3, 3]) @ cam2world[:3, :3]
+    depth = NEAR_M + 3 * in_camera[:, 0]
+    flat = np.column_stack([in_camera[:, :2], depth]) @ cam2world[:3, :3].T + cam2world[:3, 3]
+    found = surface_maps(replace(shot, vertices=flat), hand)
+    seen = found.uv[..., 2] > 0
+    x = (np.arange(SIZE[0]) + 0.5 - shot.camera.K[0, 2]) / shot.camera.K[0, 0]
+    assert seen.sum() > 1000
+    np.testing.assert_allclose(found.depth[seen], np.broadcast_to(NEAR_M + 3 * x, seen.shape)[seen], atol=2e-6)
+
+
 def test_the_scenes_depth_is_linear_on_screen():
     """A plane that is tilted from depth 0.2 to 0.8 across the image."""
     camera = Camera(np.diag([10.0, 10, 1]), np.eye(4), (10, 10), is_orthographic=True)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from livehand.backend.compute.cpu.backend import NumbaBackend
+from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.rays import HandInView, camera_tensors
 from livehand.backend.geometry.loop import split_corners
 from livehand.backend.geometry.mesh import posed_mesh
@@ -256,6 +258,19 @@ def test_faces_and_depth_are_those_at_the_centres(backend):
     torch.testing.assert_close(depth[4:34, 8], torch.ones(30))  # the surface is seen beside their centres
     assert depth[5:33, 7].isinf().all()
     assert torch.equal(depth[3:35, 7:31].isfinite(), seen.coverage.reshape(SIZE[1], SIZE[0])[3:35, 7:31] > 0)
+
+
+@pytest.mark.parametrize("backend", [ReferenceBackend, NumbaBackend])
+def test_depths_of_an_orthographic_camera_are_linear_on_screen(backend):
+    """Of a square that leans from Z = 0.4 to -0.4."""
+    flat = square(8.0, 40.0, 5.0, 33.0)
+    x = flat.vertices[:, 0]
+    leaning = flat._replace(vertices=torch.stack([x, flat.vertices[:, 1], -2.5 * x], 1))
+    seen = backend().visible_surface(leaning, camera()._replace(is_orthographic=True))
+    at = seen.face >= 0
+    column = torch.arange(SIZE[0]).repeat(SIZE[1])
+    torch.testing.assert_close(seen.depth[at], (1 + 2.5 * (column + 0.5 - SIZE[0] / 2) / 100)[at])
+    assert at.sum() == 28 * 32
 
 
 def test_where_a_pixel_shows_the_surface_beside_its_centre_it_is_as_deep_as_what_is_nearest_around(backend):

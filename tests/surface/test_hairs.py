@@ -95,6 +95,20 @@ def test_a_hair_covers_the_pixels_that_it_crosses_and_no_others():
     assert image[:16].max() + image[17:].max() < 1e-6
 
 
+def test_an_orthographic_camera_sees_every_hair_along_its_axis():
+    """As large as it is seen from `DEPTH_M`, where it lies."""
+    K = torch.diag(torch.tensor([1 / DEPTH_M, 1 / DEPTH_M, 1])) @ camera().K
+    K[:2, 2] = camera().K[:2, 2]
+    seen, near = (
+        visible_hairs(one_hair(), one, NOWHERE, EVERY_RAY)
+        for one in (camera()._replace(K=K, is_orthographic=True), camera())
+    )
+    torch.testing.assert_close(seen.view, torch.tensor([0.0, 0, 1]).expand(SEGMENTS, 3))
+    assert (near.view[:, :2].abs() > 1e-3).any()
+    torch.testing.assert_close(seen.pixel, near.pixel)
+    torch.testing.assert_close(seen.area, near.area, rtol=1e-3, atol=1e-5)
+
+
 def test_a_hair_beside_the_image_does_not_come_in_on_the_other_side():
     leaving = visible_hairs(one_hair(start=(0.008, 0.0, 0.0), way=(0.008, 0, 0)), camera(), NOWHERE, EVERY_RAY)
     assert (leaving.pixel % SIZE[0]).min() > SIZE[0] // 2

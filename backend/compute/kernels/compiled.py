@@ -11,9 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite.binding import ModuleRef
 from numba.core import config
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.core.options import DefaultOptions
+from numba.core.registry import CPUDispatcher
 
 from .cache_folder import kernel_folder_name, writable_cache
 
@@ -37,6 +41,7 @@ def compiled_part(function: Callable[..., Any]) -> Callable[..., Any]:
 
     References are not counted in it, which takes a third of the march's time; a numba without the option counts them.
     It is kept as a part of its kernels only, and Python cannot call it: both would take a fifth of the compiler's time.
+    Nor is it optimized by itself (`_PartLibrary`).
     """
     return _compiled(function, fastmath=False, is_part=True)
 
@@ -47,13 +52,78 @@ def compiled_part_loosely(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _compiled(function: Callable[..., Any], fastmath: bool | set[str], is_part: bool = False) -> Callable[..., Any]:
+    plain = inspect.unwrap(function)  # without the type checker that the tests wrap around everything
+    settings: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "forceinline": True}
+    settings["no_cfunc_wrapper"] = True  # which only C would call
+    if is_part:
+        return KernelPart.of(plain, {"nopython": True, _WITHOUT_PYTHON: True, **_UNCOUNTED, **settings})
     with disk_cache() as has_cache:
-        plain = inspect.unwrap(function)  # without the type checker that the tests wrap around everything
-        settings: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "forceinline": True}
-        settings["no_cfunc_wrapper"] = True  # which only C would call
-        if is_part:
-            settings |= {_WITHOUT_PYTHON: True, **_UNCOUNTED}
-        return numba.njit(cache=has_cache and not is_part, **settings)(plain)
+        return numba.njit(cache=has_cache, **settings)(plain)
+
+
+class KernelPart(CPUDispatcher):
+    """What kernels call and Python cannot: numba would jump to an entry that is not there, and end the process."""
+
+    @classmethod
+    def of(cls, function: Callable[..., Any], options: dict[str, Any]) -> KernelPart:
+        """Make a part of a function, with numba's options."""
+        return cls(function, targetoptions=options, pipeline_class=_PartCompiler)
+
+    def __call__(self, *args: Any, **named: Any) -> None:
+        """Raise TypeError."""
+        name = self.py_func.__name__
+        raise TypeError(f"'{name}' is a part of kernels, which they alone call; decorate it as a kernel")
+
+
+class _PartCompiler(Compiler):
+    """Compiles a part into a library of its own kind."""
+
+    def define_pipelines(self) -> list[Any]:
+        """Return numba's passes."""
+        state = self.state
+        state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
+class _PartLibrary(JITCodeLibrary):
+    """A part's code as numba writes it, to be linked into the libraries of kernels.
+
+    Numba would optimize every part by itself and make machine code of it, and again in all kernels that call it: a
+    tenth of the time of compiling.
+    """
+
+    def _optimize_functions(self, ll_module: ModuleRef) -> None:
+        ll_module.data_layout = self._codegen._data_layout  # as numba's own does
+
+    def _optimize_final_module(self) -> None:
+        """Leave it to the kernels."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return 0: there is no machine code."""
+        self._ensure_finalized()
+        return 0
+
+    @property
+    def codegen(self) -> _WithoutEnvironments:
+        """What numba tells of the part's environment, which machine code would have."""
+        return _WithoutEnvironments(self._codegen)
+
+
+class _WithoutEnvironments:
+    """A code generator for code that raises no errors and so needs no environment."""
+
+    def __init__(self, codegen: JITCPUCodegen):
+        self._codegen = codegen
+
+    def set_env(self, env_name: str, env: Any) -> None:
+        """Do nothing."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codegen, name)
 
 
 @contextlib.contextmanager
@@ -84,5 +154,5 @@ def kernel_counts() -> tuple[int, int]:
     """Count the kernels that have machine code, and all of those that are imported; parts of kernels do not count."""
     loaded = [module for name, module in sys.modules.items() if name.startswith(f"{__package__}.")]
     found = {id(one): one for module in loaded for one in vars(module).values() if isinstance(one, Dispatcher)}
-    kernels = {key: one for key, one in found.items() if not one.targetoptions.get(_WITHOUT_PYTHON)}
-    return sum(bool(kernel.signatures) for kernel in kernels.values()), len(kernels)
+    kernels = [one for one in found.values() if not isinstance(one, KernelPart)]
+    return sum(bool(kernel.signatures) for kernel in kernels), len(kernels)

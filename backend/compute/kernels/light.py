@@ -75,7 +75,10 @@ def light_features(points, sky, lamps, lobes, first, last, out):
     """Fill the features of points [first, last) (`FeatureArrays`)."""
     work, sums = np.empty((_ROWS, BLOCK), np.float32), np.empty((_SUMS, BLOCK), np.float32)
     vectors = np.empty((3 * len(lamps.rgb), BLOCK), np.float32)
-    shines = sky.brightness.max() > _0
+    brightest = _0
+    for k in range(len(sky.brightness)):
+        brightest = max(brightest, sky.brightness[k])
+    shines = brightest > _0
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
         _load(points, lobes, start, count, work)

@@ -221,7 +221,10 @@ def convolve_hidden(source, weights, factors, bias, before, is_residual, runs, f
                     out[y + 1, x + pixel + 1, channel] = values[channel]
                     least[channel] = min(least[channel], values[channel])
                     most[channel] = max(most[channel], values[channel])
-        bounds[y, 0], bounds[y, 1] = least.min(), most.max()
+        lowest, highest = least[0], most[0]  # by a loop: numba takes half a second to compile `min`
+        for channel in range(1, CHANNELS):
+            lowest, highest = min(lowest, least[channel]), max(highest, most[channel])
+        bounds[y, 0], bounds[y, 1] = lowest, highest
 
 
 @compiled
@@ -240,7 +243,7 @@ def convolve_last(source, weights, factors, bias, runs, first, last, out):
                         out[row, column, channel] = np.float32(sums[pixel, at]) * factors[at] + bias[at]
 
 
-@compiled
+@part
 def _sum_windows(source, weights, y, x, sums):
     """Fill sums [BLOCK, 64 or 48] for pixels from (x, y) on; the border's width makes theirs the windows' corners."""
     pixel_bytes = source.itemsize * source.shape[2]

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...geometry.tolerances import MIN_AREA_PX2, NEAR_M
 from .compiled import compiled
+from .compiled import compiled_part as part
 
 _HALF, _0, _1, _NEAR_M, _MIN_AREA = (np.float32(value) for value in (0.5, 0, 1, NEAR_M, MIN_AREA_PX2))
 
@@ -68,7 +69,7 @@ def nearest_depth(mesh, width, first_row, last_row, has_backs, nearest):
                     nearest[y * width + x] = min(nearest[y * width + x], z)
 
 
-@compiled
+@part
 def nearest_sides(projected, faces, size, fronts, backs):
     """Lower `fronts` and `backs` [P] to the first front and the first back face in an image of size x size.
 
@@ -146,7 +147,7 @@ def nearest_of_rows(mesh, rows, width, first_row, last_row, nearest, face_at):
                     nearest[y * width + x], face_at[y * width + x] = z, face
 
 
-@compiled
+@part
 def projected_area(positions_px, depth, a, b, c):
     """Compute twice the signed area of a projected face, px^2; 0 where it is not drawn."""
     if min(depth[a], depth[b], depth[c]) <= _NEAR_M:
@@ -156,7 +157,7 @@ def projected_area(positions_px, depth, a, b, c):
     return abx * acy - aby * acx
 
 
-@compiled
+@part
 def covered_centres(positions_px, a, b, c, width, first_row, last_row):
     """Find columns [x0, x1) and rows [y0, y1) of the pixel centres in a face's bounding box."""
     ax, bx, cx = positions_px[a, 0], positions_px[b, 0], positions_px[c, 0]
@@ -166,7 +167,7 @@ def covered_centres(positions_px, a, b, c, width, first_row, last_row):
     return x0, x1, y0, y1
 
 
-@compiled
+@part
 def _centres(low, high, first, last):
     """Find the pixels in [first, last) whose centres lie in [low, high], as a range."""
     start = max(int(np.ceil(max(low - _HALF, np.float32(first)))), first)
@@ -174,7 +175,7 @@ def _centres(low, high, first, last):
     return start, end
 
 
-@compiled
+@part
 def fragment_depth(mesh, a, b, c, area, x, y):
     """Compute the depth of a face at a pixel's centre; 0 where it does not cover it."""
     positions_px, depth = mesh.positions_px, mesh.depth
@@ -192,7 +193,7 @@ def fragment_depth(mesh, a, b, c, area, x, y):
     return _1 / (w0 / depth[a] + w1 / depth[b] + w2 / depth[c])
 
 
-@compiled
+@part
 def _insert(depths, marks, pixel, count, depth, mark):
     """Put a fragment in its place in a pixel's sorted list; returns the list's new length."""
     if count == depths.shape[1]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...geometry.tolerances import LEAST_SQUARED, LEAST_WINDOW, STEEPEST
 from .compiled import compiled
+from .compiled import compiled_part as part
 from .raster import ProjectedMesh, nearest_depth, nearest_sides
 
 _HALF, _0, _1, _NO_DEPTH = (np.float32(value) for value in (0.5, 0, 1, 1e-6))
@@ -50,6 +51,24 @@ class ShadowCasters(NamedTuple):
     template_m: np.float32
 
 
+class _PointRows(NamedTuple):
+    """What rows of points are computed in.
+
+    Attributes:
+        place: [3, N] x and y, px, and depth.
+        bounds: [4, N] least x and y, largest x and y.
+        at: [N] pixel.
+        shares: [2, N] of the next pixel along x and y.
+        read: [N, 8] what the map has in the four pixels around.
+    """
+
+    place: np.ndarray
+    bounds: np.ndarray
+    at: np.ndarray
+    shares: np.ndarray
+    read: np.ndarray
+
+
 @compiled
 def lit_share(points, faces, size, first, last, lit):
     """Rasterise the shadow maps of directions [first, last), `size` px wide, and fill lit [K, V] in [0, 1]."""
@@ -63,7 +82,7 @@ def lit_share(points, faces, size, first, last, lit):
             lit[index, vertex] = _unblocked(shadow, size, x, y, points.lifted_depth[index, vertex] - points.bias)
 
 
-@compiled
+@part
 def _unblocked(shadow, size, x, y, depth):
     """Compute the bilinear share of the four nearest map pixels that do not block a depth."""
     limit = np.float32(size) - np.float32(1.001)
@@ -91,9 +110,16 @@ def look_up_points(casters, points, first, last, lit, depth_in):
     other = np.empty(size * size if len(casters.others) else 0, np.float32)
     way = np.empty((size * size, 2), np.float32)
     vertices, others = np.empty((3, casters.vertices.shape[1]), np.float32), np.empty_like(casters.others)
+    rows = _PointRows(
+        np.empty((3, _ROW), np.float32),
+        np.empty((4, _ROW), np.float32),
+        np.empty(_ROW, np.uint32),
+        np.empty((2, _ROW), np.float32),
+        np.empty((_ROW, 8), np.float32),
+    )
     for view in range(first, last):
         entry[:], leaving[:], other[:] = np.inf, np.inf, np.inf
-        window = _window_around(casters, view, points)
+        window = _window_around(casters, view, points, rows)
         _project(casters, view, window, casters.vertices, 0, casters.vertices.shape[1], vertices)
         nearest_sides(vertices, casters.faces, size, entry, leaving)
         _end_in_the_middle(entry, leaving, _STEEPEST / min(window[2], window[3]), way)
@@ -101,19 +127,20 @@ def look_up_points(casters, points, first, last, lit, depth_in):
             _project(casters, view, window, casters.others, 0, casters.others.shape[1], others)
             nearest_sides(others, casters.others_faces, size, other, other)
             _end_at_others(other, casters.contact, way)
-        _look_up(casters, view, window, points, way, lit[view], depth_in[view])
+        _look_up(casters, view, window, points, way, rows, lit[view], depth_in[view])
 
 
-@compiled
-def _window_around(casters, view, points):
+@part
+def _window_around(casters, view, points, rows):
     """Fit (x and y of the upper left corner, px, px per radius along x and y) as `MapWindows.around`."""
     distance, half = casters.distance[view], np.float32(casters.map_px) * _HALF
     reach = distance / np.sqrt(max(distance * distance - _1, _LEAST_SQUARED))
     if points.shape[1] == 0:
         scale = (half - _1) / reach
         return half, half, scale, scale
-    place, bounds = np.empty((3, _ROW), np.float32), np.empty((4, _ROW), np.float32)
-    bounds[:2], bounds[2:] = np.inf, -np.inf
+    place, bounds = rows.place, rows.bounds
+    for index in range(_ROW):
+        bounds[0, index], bounds[1, index], bounds[2, index], bounds[3, index] = _INF, _INF, -_INF, -_INF
     for start in range(0, points.shape[1], _ROW):
         count = min(_ROW, points.shape[1] - start)
         _project(casters, view, (_0, _0, _1, _1), points, start, start + count, place)
@@ -122,13 +149,16 @@ def _window_around(casters, view, points):
             x, y = x if place[2, index] > _0 else _0, y if place[2, index] > _0 else _0
             bounds[0, index], bounds[1, index] = min(bounds[0, index], x), min(bounds[1, index], y)
             bounds[2, index], bounds[3, index] = max(bounds[2, index], x), max(bounds[3, index], y)
-    x0, y0, x1, y1 = bounds[0].min(), bounds[1].min(), bounds[2].max(), bounds[3].max()
+    x0, y0, x1, y1 = _INF, _INF, -_INF, -_INF
+    for index in range(_ROW):
+        x0, y0 = min(x0, bounds[0, index]), min(y0, bounds[1, index])
+        x1, y1 = max(x1, bounds[2, index]), max(y1, bounds[3, index])
     scale_x = (half - _1) / max((x1 - x0) * _HALF, _LEAST_WINDOW)
     scale_y = (half - _1) / max((y1 - y0) * _HALF, _LEAST_WINDOW)
     return half - (x0 + x1) * _HALF * scale_x, half - (y0 + y1) * _HALF * scale_y, scale_x, scale_y
 
 
-@compiled
+@part
 def _project(casters, view, window, map_points, first, last, out):
     """Fill out [3, last - first] with x and y, px, and depths of points [3, P] from first to last in a view's window.
 
@@ -148,7 +178,7 @@ def _project(casters, view, window, map_points, first, last, out):
         out[2, index] = depth
 
 
-@compiled
+@part
 def _end_in_the_middle(entry, leaving, most, way):
     """Fill way [P, 2]: the depths at which light enters and ends, side by side, as they are read together.
 
@@ -160,7 +190,7 @@ def _end_in_the_middle(entry, leaving, most, way):
         way[pixel, 1] = entry[pixel] + within if leaving[pixel] < np.inf else entry[pixel]
 
 
-@compiled
+@part
 def _end_at_others(other, contact, way):
     """Let light end at other triangles too; it enters at minus infinity where that is before the mesh."""
     for pixel in range(len(other)):
@@ -170,15 +200,14 @@ def _end_at_others(other, contact, way):
             way[pixel, 0] = -np.inf
 
 
-@compiled
-def _look_up(casters, view, window, points, way, lit, depth_in):
+@part
+def _look_up(casters, view, window, points, way, rows, lit, depth_in):
     """Fill the share of the four nearest pixels in which points are lit, and their depth behind the surface.
 
     Points are taken in short rows without branches, which become vector instructions; only the reading of the map,
     which is slow in them, stands apart.
     """
-    place, at, shares = np.empty((3, _ROW), np.float32), np.empty(_ROW, np.uint32), np.empty((2, _ROW), np.float32)
-    read = np.empty((_ROW, 8), np.float32)
+    place, at, shares, read = rows.place, rows.at, rows.shares, rows.read
     size, tolerance, most = casters.map_px, casters.tolerance, casters.max_depth_in
     limit = np.float32(size - 1)
     for start in range(0, points.shape[1], _ROW):

@@ -1,7 +1,7 @@
 """Blender has kernels compiled in processes of their own, which are this job.
 
-The first pictures need those of full precision alone. Several processes share them: each computes some subjects by
-kernels, and the others as the reference does.
+Several processes share those of the first pictures: each computes some subjects by kernels, and the others as the
+reference does.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from .kernels import prepare_kernels, prepare_share
 
 LAST_REQUEST = None
 """All kernels of every precision: what the first processes have compiled, this one loads."""
+READY = "the first picture can be rendered"
+"""What a process says as its progress when its share of these kernels is there; it then compiles the next ones."""
 _MOST_PROCESSES = 4
 _LOOK_S = 0.5
 
@@ -42,18 +44,22 @@ def _prepared(request: list[int] | None, report: Report) -> Mapping[str, Any]:
         give_way()  # first pictures are rendered beside it
         prepare_kernels(shipped_avatar_path())
     else:
-        number, count = request
-        threading.Thread(target=_count, args=(report,), name="livehand count", daemon=True).start()
-        prepare_share(shipped_avatar_path(), number, count)
+        is_ready = threading.Event()
+        counting = threading.Thread(target=_count, args=(report, is_ready), name="livehand count", daemon=True)
+        counting.start()
+        prepare_share(shipped_avatar_path(), *request, is_ready.set)
+        counting.join()
     return {"seconds": time.perf_counter() - began}
 
 
-def _count(report: Report) -> None:
-    """Report which share of the kernels is compiled, until the process ends."""
+def _count(report: Report, is_ready: threading.Event) -> None:
+    """Report which share of the kernels is compiled, until the process is ready."""
     from ...compute.cpu import backend  # noqa: F401, which imports all kernels
     from ...compute.kernels.compiled import kernel_counts
 
     while True:
+        ends = is_ready.wait(_LOOK_S)
         compiled, every = kernel_counts()
-        report(JobProgress(f"{compiled} of {every}", compiled / max(every, 1)))
-        time.sleep(_LOOK_S)
+        report(JobProgress(READY if ends else f"{compiled} of {every}", compiled / max(every, 1)))
+        if ends:
+            return

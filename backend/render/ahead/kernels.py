@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -45,8 +46,11 @@ def prepare_kernels(avatar_path: Path) -> Prepared:
     return Prepared(time.perf_counter() - began, folder)
 
 
-def prepare_share(avatar_path: Path, number: int, count: int) -> None:
-    """Compile the share of one of `count` processes in the kernels of full precision.
+def prepare_share(avatar_path: Path, number: int, count: int, on_first: Callable[[], None]) -> None:
+    """Compile the share of one of `count` processes in the kernels of first pictures.
+
+    The first of all is a view's coarse one; when its kernels are there, `on_first` is called. Those of the finished
+    picture at full precision follow.
 
     Raises:
         LiveHandError: the avatar cannot be read.
@@ -60,7 +64,10 @@ def prepare_share(avatar_path: Path, number: int, count: int) -> None:
     avatar, hand, backend = load_avatar(avatar_path), load_default_hand(), share_of_backend(number, count)
     has_skin_detail = isinstance(backend, SurfaceKernels)  # for the others it would be made in vain
     renderer = Renderer(avatar, hand, "cpu", backend=backend, has_skin_detail=has_skin_detail)
-    renderer.render(_shots(hand)[0])  # the others need no more of these, and the reference is slow
+    shot = _shots(hand)[0]  # the others need no more kernels, and the reference is slow
+    renderer.render(replace(shot, quality="preview"))
+    on_first()
+    renderer.render(shot)
 
 
 def _render_small(renderer: Renderer, hand: HandModel) -> None:
