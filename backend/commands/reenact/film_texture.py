@@ -108,5 +108,8 @@ def blurred(values: np.ndarray, deviation_px: float) -> np.ndarray:
     for axis in (0, 1):
         padding = [(reach, reach) if k == axis else (0, 0) for k in range(values.ndim)]
         padded, size = np.pad(values, padding, mode="edge"), values.shape[axis]
-        values = sum(weight * np.take(padded, range(start, start + size), axis) for start, weight in enumerate(weights))
-    return np.asarray(values)
+        total = np.zeros(values.shape, np.float32)
+        for start, weight in enumerate(weights):
+            total += weight * np.take(padded, range(start, start + size), axis)
+        values = total
+    return values

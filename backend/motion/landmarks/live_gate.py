@@ -69,7 +69,11 @@ class LiveGate:
             self._checked_s = seen.time_s
         if seen.time_s - self._checked_s >= _EVERY_S:
             self._checked_s = seen.time_s
-            found = [why, lost_doubt(np.mean([one.pose is None for one in self._seen])), *self._pose_doubts()]
+            found = [
+                why,
+                lost_doubt(sum(one.pose is None for one in self._seen) / len(self._seen)),
+                *self._pose_doubts(),
+            ]
             self.doubts = tuple(doubt for doubt in found if doubt)
 
     def _pose_doubts(self) -> list[str | None]:
