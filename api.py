@@ -11,6 +11,7 @@ Axes, units and colour are those of docs/dev/conventions.md: metres, radians, Z 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -163,6 +164,8 @@ def named_pose(name: str, side: Side = "right", wrist: np.ndarray | None = None)
 def load_motion(path: Path | str, side: Side | None = None, mano: Path | None = None) -> HandMotion:
     """Read a file of poses or landmarks, in the file's own axes; `motion.pose(index)` is one frame's pose.
 
+    What speaks against the motion is a `UserWarning`.
+
     Args:
         path: any that *Import Motion* reads, but for rigs.
         side: which of its hands; None: the right one, or the only one.
@@ -173,7 +176,10 @@ def load_motion(path: Path | str, side: Side | None = None, mano: Path | None = 
     """
     options = ImportOptions({"side": side} if side else {}, mano)
     file = with_options(open_motion_file(Path(path)), options)
-    return motion_and_warning(file, options, load_hand_model(DEFAULT_HAND), None)[0]
+    motion, doubt = motion_and_warning(file, options, load_hand_model(DEFAULT_HAND), None)
+    if doubt:
+        warnings.warn(f"{path}: check the motion: {doubt}", stacklevel=2)
+    return motion
 
 
 def _upright(theta: np.ndarray, side: Side, wrist: np.ndarray | None) -> HandPose:

@@ -2,7 +2,8 @@
 
     python examples/live_rate.py [FILM.mp4]      # without a film, one of our own hand is made first, 1280 x 720
 
-The tracker has one core, and so has all else: set GOMP_SPINCOUNT=0 OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 before it.
+The tracker has a core, and so has the renderer; the fit is on either. For that, set
+GOMP_SPINCOUNT=0 OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 before it.
 
 Prints the rate, and the time from a frame's arrival to the avatar's picture of the same pose. Needs PyAV and the
 tracker's networks (`livehand fetch-tracker`).
@@ -10,6 +11,7 @@ tracker's networks (`livehand fetch-tracker`).
 
 import argparse
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -22,14 +24,14 @@ from livehand.backend.motion.landmarks.online_fit import OnlineFit
 from livehand.backend.motion.landmarks.take_fit import FilmCamera
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Light, Sky
-from livehand.backend.records.shot import Shot
+from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.research.takes import made_take, pictures
 from livehand.backend.tracking.live import CameraSource, LiveTracker
 from livehand.backend.tracking.video_writer import write_video
 
-HAND, FILM_PX, FRAMES, SHOWN_PX = load_default_hand(), (1280, 720), 240, 167 * 256
-LIGHT, RNG = Light((), Sky(np.ones((2, 4, 3)))), np.random.default_rng(0)
+HAND, FILM_PX, FRAMES, SHOWN_PX = load_default_hand(), (1280, 720), 240, 284 * 160
+LIGHT, RNG = Light((), Sky(np.ones((2, 4, 3))), shadow_quality="none"), np.random.default_rng(0)
 
 
 def made_film(path: Path, renderer: Renderer) -> None:
@@ -44,33 +46,69 @@ def warm_up(renderer: Renderer) -> None:
         assert picture.any()
 
 
+class Fitting:
+    """A thread that fits the newest frame's hand and poses the mesh, while the last is rendered, as in Blender."""
+
+    def __init__(self, tracker: LiveTracker):
+        self._tracker, self._arrived = tracker, threading.Condition()
+        self._newest: tuple[Shot, float] | None = None
+        self._has_ended = False
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def newest(self) -> tuple[Shot, float] | None:
+        """The newest shot, and when its frame was taken; None at the end."""
+        with self._arrived:
+            self._arrived.wait_for(lambda: self._newest or self._has_ended)
+            newest, self._newest = self._newest, None
+            return newest
+
+    def _run(self) -> None:
+        fits: dict[int, OnlineFit] = {}
+        while not self._tracker.has_ended:
+            frame = self._tracker.newest()
+            if frame is None:
+                time.sleep(0.001)
+                continue
+            for hand in frame.hands:
+                guessed = FilmCamera.guessed(frame.size_px)
+                fit = fits.setdefault(hand.track, OnlineFit(guessed, HAND, "right" if hand.right > 0.5 else "left"))
+                seen = fit.follow(frame.time_s, hand.px, hand.world)
+                if seen is not None:
+                    self._give((shot_of(seen.pose, guessed), frame.taken_s))
+        self._give(None)
+
+    def _give(self, newest: tuple[Shot, float] | None) -> None:
+        with self._arrived:
+            self._newest, self._has_ended = newest or self._newest, newest is None
+            self._arrived.notify()
+
+
+def shot_of(pose: HandPose, film: FilmCamera) -> Shot:
+    """A shot in a preview's quality, as a Rendered viewport has it while something moves."""
+    share = (SHOWN_PX / np.prod(film.size_px)) ** 0.5
+    width, height = (round(share * side) for side in film.size_px)
+    focal_px = share * film.focal_px
+    K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]])
+    vertices = posed_vertices(HAND.for_side(pose.side), pose)
+    return Shot(pose, vertices, Camera(K, np.eye(4), (width, height)), LIGHT, quality="preview")
+
+
 def measure(film: Path, renderer: Renderer) -> None:
     tracker, waits_ms, times_s = LiveTracker(CameraSource(str(film), is_file=True), 1), [], []
-    fits: dict[int, OnlineFit] = {}
-    while not tracker.has_ended:
-        frame = tracker.newest()
-        if frame is None:
-            time.sleep(0.001)
-            continue
-        for hand in frame.hands:
-            guessed = FilmCamera.guessed(frame.size_px)
-            fit = fits.setdefault(hand.track, OnlineFit(guessed, HAND, "right" if hand.right > 0.5 else "left"))
-            seen = fit.follow(frame.time_s, hand.px, hand.world)
-            if seen is None:
-                continue
-            share = (SHOWN_PX / np.prod(frame.size_px)) ** 0.5
-            width, height = (round(share * side) for side in frame.size_px)
-            focal_px = share * guessed.focal_px
-            K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]])
-            vertices = posed_vertices(HAND.for_side(seen.pose.side), seen.pose)
-            renderer.render(Shot(seen.pose, vertices, Camera(K, np.eye(4), (width, height)), LIGHT))
-            times_s.append(time.monotonic())
-            waits_ms.append(1000 * (times_s[-1] - frame.taken_s))
+    began, own_s = time.monotonic(), time.process_time()
+    fitting = Fitting(tracker)
+    while (newest := fitting.newest()) is not None:
+        shot, taken_s = newest
+        renderer.render(shot)
+        times_s.append(time.monotonic())
+        waits_ms.append(1000 * (times_s[-1] - taken_s))
+    busy = (time.process_time() - own_s) / (time.monotonic() - began)
     tracker.close()
     late = len(times_s) // 4  # what the first frames prepare is no rate
     rate = (len(times_s) - late - 1) / (times_s[-1] - times_s[late])
     low, middle, high = np.percentile(waits_ms[late:], [10, 50, 90])
     print(f"{len(times_s)} frames shown, {rate:.1f} a second; {middle:.0f} ms each ({low:.0f} to {high:.0f})")
+    print(f"{1000 * busy / rate:.0f} ms of processor time a frame without the tracker's")
 
 
 if __name__ == "__main__":

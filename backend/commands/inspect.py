@@ -73,7 +73,7 @@ def _motion_facts(path: Path) -> dict:
     from ..motion.files.open_files import open_motion_file
     from ..motion.files.summary import file_summary
 
-    return {"kind": "motion", **file_summary(open_motion_file(path))}
+    return {"kind": "motion", **file_summary(open_motion_file(path), fits_landmarks=True)}
 
 
 def _avatar_facts(path: Path) -> dict:

@@ -5,11 +5,13 @@ Limits are wide enough for any hand, so a pose beyond them was misread, mistrack
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from ..geometry.rotation import axis_angle_to_matrix
+from ..hand.bones import rest_forearm
 from ..hand.gestures import FingerAxes, angles_of
 from ..hand.joint_axes import anatomical_axes
 from ..hand.joint_limits import FREE, LIMITS
@@ -20,7 +22,9 @@ from .motion import HandMotion
 from .spaces import rest_wrists
 
 _HINGE_RAD = np.deg2rad(30.0)  # of the angles that are not free: sideways and about the bone
-_BEYOND_RAD = np.deg2rad(10.0)  # beyond the limits, from which a joint is named
+_BEYOND_RAD = np.deg2rad(10.0)  # beyond the limits, from which no hand can
+_SLIGHT_RAD = np.deg2rad(1.0)  # beyond the limits, from which a joint is named: less is rounding
+_ARM_RAD = np.deg2rad(90.0)  # between the forearm and the hand's own direction
 _BACKWARDS_RAD = np.deg2rad(10.0)  # fingers on average, in the frames that show it most
 _LESS, _LITTLE_RAD = 0.5, np.deg2rad(1.0)  # of the excess beyond the limits, at which another reading is better
 _EXTREME_FRAMES = 5  # percentile, from which frames show it most
@@ -31,6 +35,9 @@ _USUAL_FPS = 30.0
 _LEAST_FRAMES = 8  # of a motion whose frames should follow each other
 _LARGEST_BETA = 6.0
 _FULL_TURN_RAD = 2 * np.pi + 0.1
+
+
+_InFrames = Callable[[np.ndarray], str]
 
 
 class JointBend(NamedTuple):
@@ -56,9 +63,16 @@ class JointBend(NamedTuple):
     @property
     def backwards_rad(self) -> float:
         """How far the four fingers bend backwards on average, in the frames that show it most; 0: they close more."""
-        bend = self.angles[:, :12, 0].mean(1)
-        least, most = np.percentile(bend, [_EXTREME_FRAMES, 100 - _EXTREME_FRAMES])
-        return float(-least) if -least > max(most, _BACKWARDS_RAD) else 0.0
+        return backwards_rad(self.angles[:, :12, 0].mean(1), _BACKWARDS_RAD)
+
+
+def backwards_rad(bend: np.ndarray, least_rad: float) -> float:
+    """Measure how far fingers bent by [T] on average do so backwards, in the frames that show it most.
+
+    0: by less than the least, or they close more.
+    """
+    least, most = np.percentile(bend, [_EXTREME_FRAMES, 100 - _EXTREME_FRAMES])
+    return float(-least) if -least > max(most, least_rad) else 0.0
 
 
 def excess_rad(model: HandModel, theta: np.ndarray) -> np.ndarray:
@@ -83,12 +97,19 @@ def motion_doubts(model: HandModel, motion: HandMotion) -> list[str]:
         model: any hand in MANO's format.
         motion: absolute, m.
     """
-    found = [_angles_in_degrees(motion.theta), *_bend_doubts(model.for_side(motion.side), motion)]
-    found += [_jumps(motion), _place(model.for_side(motion.side), motion), _shape(motion)]
+    model = model.for_side(motion.side)
+    found = [*pose_doubts(model, motion), _jumps(motion), _place(model, motion), _shape(motion)]
     return [doubt for doubt in found if doubt]
 
 
-def _bend_doubts(model: HandModel, motion: HandMotion) -> list[str]:
+def pose_doubts(model: HandModel, motion: HandMotion, names_frames: bool = True) -> list[str]:
+    """List what speaks against the poses of a motion, in whatever order; empty: nothing."""
+    model, in_frames = model.for_side(motion.side), _in_frames if names_frames else _nowhere
+    found = [_angles_in_degrees(motion.theta), *_bend_doubts(model, motion, in_frames), _arm(model, motion, in_frames)]
+    return [doubt for doubt in found if doubt]
+
+
+def _bend_doubts(model: HandModel, motion: HandMotion, in_frames: _InFrames) -> list[str]:
     bend = JointBend.of(model, motion.theta)
     found = []
     if bend.backwards_rad:
@@ -96,14 +117,31 @@ def _bend_doubts(model: HandModel, motion: HandMotion) -> list[str]:
             f"the fingers bend {np.rad2deg(bend.backwards_rad):.0f} degrees backwards on average, as a mirrored hand's "
             "or the other hand's would"
         )
-    is_beyond = bend.excess > _BEYOND_RAD
-    if is_beyond.any():
-        names = [name for name, beyond in zip(JOINT_NAMES[1:], is_beyond.any(0), strict=True) if beyond]
-        found.append(
-            f"{', '.join(names)} bend up to {np.rad2deg(bend.excess.max()):.0f} degrees beyond what a hand can"
-            f"{_in_frames(is_beyond.any(1))}"
-        )
+    worst = bend.excess.max(0)
+    for least, is_named, rule in (
+        (_BEYOND_RAD, worst > _BEYOND_RAD, "what a hand can"),
+        (_SLIGHT_RAD, (worst > _SLIGHT_RAD) & (worst <= _BEYOND_RAD), "a hand's usual limits"),
+    ):
+        if is_named.any():
+            names = [name for name, named in zip(JOINT_NAMES[1:], is_named, strict=True) if named]
+            found.append(
+                f"{', '.join(names)} bend up to {np.rad2deg(worst[is_named].max()):.0f} degrees beyond {rule}"
+                f"{in_frames((bend.excess[:, is_named] > least).any(1))}"
+            )
     return found
+
+
+def _arm(model: HandModel, motion: HandMotion, in_frames: _InFrames) -> str | None:
+    """Word a forearm that lies along the hand as none can."""
+    if not model.has_arm:
+        return None
+    elbow = -rest_forearm(model).frame[:, 1]
+    cosine = axis_angle_to_matrix(motion.forearms) @ elbow @ elbow
+    bent = np.arccos(np.clip(cosine, -1, 1))
+    if bent.max() <= _ARM_RAD:
+        return None
+    degrees = np.rad2deg(bent.max())
+    return f"the wrist bends by up to {degrees:.0f} degrees against the forearm{in_frames(bent > _ARM_RAD)}"
 
 
 def _in_frames(is_in: np.ndarray) -> str:
@@ -111,6 +149,10 @@ def _in_frames(is_in: np.ndarray) -> str:
         return ""
     first = int(np.argmax(is_in))
     return f", in {is_in.sum()} of {len(is_in)} frames, first in its frame {first + 1}"
+
+
+def _nowhere(_is_in: np.ndarray) -> str:
+    return ""
 
 
 def _jumps(motion: HandMotion) -> str | None:

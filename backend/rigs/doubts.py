@@ -53,6 +53,16 @@ def motion_doubts(alignment: RestAlignment, motion: HandMotion) -> str | None:
     return "; ".join(found) or None
 
 
+def sampled_doubts(alignment: RestAlignment, motion: HandMotion) -> str | None:
+    """Join all that speaks against frames here and there of a motion, and its alignment; None: nothing."""
+    found = [
+        *gate.pose_doubts(alignment.model, motion, names_frames=False),
+        *fit_doubts(alignment),
+        *_missing(alignment),
+    ]
+    return "; ".join(found) or None
+
+
 def _missing(alignment: RestAlignment) -> list[str]:
     names = [name for name, head in zip(JOINT_NAMES, alignment.heads, strict=True) if np.isnan(head[0])]
     return [f"no bones for {', '.join(names)}, which stay at rest"] if names else []

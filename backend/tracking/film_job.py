@@ -133,7 +133,12 @@ def _write(film: FilmFits, path: Path) -> None:
     for side, fit in film.fits.items():
         arrays |= {f"{side}_{name}": getattr(fit.motion, name) for name in _MOTION}
         arrays |= {f"{side}_{name}": getattr(fit, name) for name in _FIT}
-        arrays[f"{side}_numbers"] = (fit.motion.fps or film.fps, fit.start_s, fit.rejected)
+        arrays[f"{side}_numbers"] = (
+            fit.motion.fps or film.fps,
+            fit.start_s,
+            fit.rejected,
+            fit.backwards_rad,
+        )
     np.savez(path, **arrays)
 
 
@@ -144,9 +149,9 @@ def read_fits(path: Path) -> FilmFits:
         fits: dict[Side, TakeFit] = {}
         for side in SIDES:
             if f"{side}_theta" in file:
-                fps, start_s, rejected = file[f"{side}_numbers"].tolist()
+                fps, start_s, rejected, backwards = file[f"{side}_numbers"].tolist()
                 motion = HandMotion(**{name: file[f"{side}_{name}"] for name in _MOTION}, fps=fps, side=side)
                 fits[side] = TakeFit(
-                    motion, start_s, file[f"{side}_is_keyed"], file[f"{side}_fit_error"], int(rejected)
+                    motion, start_s, file[f"{side}_is_keyed"], file[f"{side}_fit_error"], int(rejected), backwards
                 )
     return FilmFits(FilmCamera((int(width), int(height)), focal_px), film_fps, int(count), fits)

@@ -18,6 +18,7 @@ from .video import DecodedFrame, Video, open_camera, open_video
 
 _SHOWN_PX = 320  # the picture's longer side as it is sent
 _SILENCE_S = 10.0  # after which a camera that sends nothing is lost
+_SEARCH_EVERY = 30  # frames, about a second, while a hand is followed and another may come
 _ONE_THREAD = 1  # a second one waits for the first wherever cores are busy
 
 
@@ -110,7 +111,8 @@ def _track(order: dict[str, Any], pipe: IO[bytes]) -> None:
     from .weights import load_networks
 
     torch.set_num_threads(_ONE_THREAD)
-    tracker = HandTracker(load_networks(order["weights"] and Path(order["weights"])), order["hands"])
+    networks = load_networks(order["weights"] and Path(order["weights"]))
+    tracker = HandTracker(networks, order["hands"], _SEARCH_EVERY)
     tracker.warm_up()
     for number, taken_s, frame in _NewestFrame(video).frames():
         picture = frame.picture()

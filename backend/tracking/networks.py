@@ -44,7 +44,7 @@ class TorchNetwork(nn.Module):
 
 def _activated(name: str) -> Callable[[Tensor], Tensor]:
     """Return the activation, which works in place on what was just computed."""
-    return {"none": lambda x: x, "relu": torch.relu_, "relu6": lambda x: x.clamp_(0, 6)}[name]
+    return {"none": lambda x: x, "relu": torch.relu_, "relu6": lambda x: x.clamp_(0.0, 6.0)}[name]
 
 
 def _conv(step: dict[str, Any], weights: Sequence[np.ndarray]) -> Run:

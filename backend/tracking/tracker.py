@@ -19,7 +19,7 @@ _LEAST_PRESENCE = 0.5
 _SURE_PRESENCE = 0.9  # below it, the palm is searched for too, and the surer of both regions is taken
 _SAME_HAND = 0.5  # overlap of two regions of one hand
 _NEAR = 0.1  # overlap of a region found anew with the one where the hand was
-_SEARCH_EVERY = 10  # frames, while a hand is tracked and another may come
+_SEARCH_EVERY = 10  # frames
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class _Followed:
 
 
 class HandTracker:
-    """Follows hands through pictures given in order."""
+    """Follows hands through pictures given in order; another is searched for every few of them."""
 
-    def __init__(self, networks: TrackerNetworks, most_hands: int = 2):
+    def __init__(self, networks: TrackerNetworks, most_hands: int = 2, search_every: int = _SEARCH_EVERY):
         self._palm, self._hand = TorchNetwork(networks.palm), TorchNetwork(networks.hand)
-        self._most_hands = most_hands
+        self._most_hands, self._search_every = most_hands, search_every
         self._followed: list[_Followed] = []
         self._tracks = self._frames = self._others_tried = 0
 
@@ -54,7 +54,7 @@ class HandTracker:
         if min(picture.shape[:2]) < 1:
             raise LiveHandError(f"a picture must have pixels, got {picture.shape[1]} x {picture.shape[0]}")
         was_followed = bool(self._followed)
-        searches = not was_followed or self._frames % _SEARCH_EVERY == 0
+        searches = not was_followed or self._frames % self._search_every == 0
         self._frames += 1
         if searches and len(self._followed) < self._most_hands:
             for region in find_hands(picture, self._palm):

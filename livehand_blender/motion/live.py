@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
+from ...backend.motion.landmarks.live_gate import LiveGate
 from ...backend.motion.landmarks.online_fit import OnlineFit
-from ...backend.motion.landmarks.take_file import unmirrored, unmirrored_hands
+from ...backend.motion.landmarks.take_file import take_doubts, unmirrored, unmirrored_hands
 from ...backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take
 from ...backend.motion.motion import motion_from_poses
 from ...backend.motion.spaces import rest_wrists, transformed
@@ -51,6 +52,13 @@ class LiveSetup:
     source: CameraSource
     focal_mm: float = 0.0
     is_picture_mirrored: bool = False
+
+
+class KeyedRecording(NamedTuple):
+    """What a recording became: how many frames were keyed, and what speaks against them, hand by hand."""
+
+    frames: int
+    doubts: tuple[str, ...]
 
 
 class LiveSession:
@@ -119,14 +127,23 @@ class LiveSession:
                 self._pose(hand, filmed, frame.time_s, placement)
         return frame
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against the hands of the last seconds; empty: nothing."""
+        return tuple(
+            f"Check the {follower.side} hand: {doubt}"
+            for follower in self._followers.values()
+            for doubt in follower.gate.doubts
+        )
+
     def record(self, scene: bpy.types.Scene) -> None:
         """Keep what is seen from now on, to be keyed from the scene's frame on."""
         self._start_frame = scene.frame_current
         self._tracker.record()
         self.is_recording = True
 
-    def key(self, context: bpy.types.Context) -> int:
-        """End the recording, fit all of it at once and key it; returns the number of keyed frames.
+    def key(self, context: bpy.types.Context) -> KeyedRecording:
+        """End the recording, fit all of it at once and key it.
 
         Raises:
             LiveHandError: no hand was seen that the scene has. Nothing is changed then.
@@ -150,7 +167,9 @@ class LiveSession:
             )
         camera = np.array(camera_with_lens(scene, film).matrix_world.normalized())
         placement = Placement("opencv", self._start_frame, camera=camera)
-        return sum(key_take(scene, hand, fit, placement) for hand, fit in fits)
+        frames = sum(key_take(scene, hand, fit, placement) for hand, fit in fits)
+        found = [(hand.side, take_doubts(fit, hand.model)) for hand, fit in fits]
+        return KeyedRecording(frames, tuple(f"Check the {side} hand: {doubt}" for side, doubt in found if doubt))
 
     def _camera(self, context: bpy.types.Context, size_px: tuple[int, int]) -> bpy.types.Object:
         """Return the scene's camera, which has got the film's lens."""
@@ -188,8 +207,10 @@ class LiveSession:
             self._followers[hand.armature.name] = follower
         try:
             found = follower.fit.follow(time_s, filmed.px[0], filmed.world[0])
-        except LiveHandError:  # landmarks of no hand's size
+        except LiveHandError as error:  # landmarks of no hand's size
+            follower.gate.refused(time_s, str(error))
             return
+        follower.gate.saw(time_s, filmed.world[0], found and found.pose)
         if found is None:
             return
         motion = motion_from_poses([found.pose])
@@ -201,15 +222,18 @@ class LiveSession:
 
 @dataclass(frozen=True)
 class _Follower:
-    """The fit of a hand in its own shape, and where its wrist rests [3] m."""
+    """The fit of a hand in its own shape, where its wrist rests [3] m, and what speaks against it."""
 
     fit: OnlineFit
     rest_wrist_m: np.ndarray
+    gate: LiveGate
+    side: Side
 
     @classmethod
     def of(cls, hand: RiggedHand, film: FilmCamera) -> _Follower:
         model, beta = hand.model, read_beta(hand.armature)
-        return cls(OnlineFit(film, model, hand.side, beta), rest_wrists(model, beta))
+        fit, gate = OnlineFit(film, model, hand.side, beta), LiveGate(model, hand.side)
+        return cls(fit, rest_wrists(model, beta), gate, hand.side)
 
 
 def _show(camera: bpy.types.Object, picture: np.ndarray) -> None:

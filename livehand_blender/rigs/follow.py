@@ -24,7 +24,7 @@ import numpy as np
 from ...backend.hand.bones import bone_name
 from ...backend.hand.model import PARENTS
 from ...backend.records.errors import LiveHandError
-from ...backend.rigs.doubts import motion_doubts
+from ...backend.rigs.doubts import sampled_doubts
 from ...backend.rigs.natural_range import is_natural, rest_pose
 from ...backend.rigs.rest_alignment import RestAlignment, align
 from ...backend.rigs.retarget import retarget
@@ -40,13 +40,14 @@ from .source import SourceRig, align_hand, posed_skeleton, sample_source, set_sh
 FOLLOW, FOLLOW_PLACE = "Follow Other Rig", "Follow Other Rig's Wrist"
 _SOURCE, _FITTED, _FOLLOWING = SOURCE_ROLE, "FIT", "FOL"
 _LENGTH_M = 0.01
+_SAMPLES = 9  # of the scene's frames, besides the present one
 
 
 def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits_shape: bool = True) -> str | None:
     """Make a hand follow another armature, instead of the one that it followed before.
 
-    A rest pose that no hand can have is replaced by the present pose. Returns what speaks against the result; None:
-    nothing.
+    A rest pose that no hand can have is replaced by the present pose. Returns what speaks against the result, in some
+    of the scene's frames; None: nothing.
 
     Raises:
         LiveHandError: the source is a hand of the other side, the hand's armature cannot be edited, or a bone is
@@ -61,8 +62,8 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
     alignment = align_hand(hand, source, fits_shape)
     if not is_natural(alignment.model, rest_pose(alignment)):
         alignment = natural_alignment(context, source, alignment)
-    present = sample_source(context, source, [context.scene.frame_current])
-    doubt = motion_doubts(alignment, retarget(replace(present, nodes=None), alignment))
+    sampled = sample_source(context, source, _frames_here_and_there(context.scene))
+    doubt = sampled_doubts(alignment, retarget(replace(sampled, nodes=None), alignment))
     if is_following(hand.armature):
         _remove(context, hand)
     if fits_shape:
@@ -72,6 +73,12 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
     write_slider(hand.armature, "follow", 1.0)
     hand.armature.update_tag()
     return doubt
+
+
+def _frames_here_and_there(scene: bpy.types.Scene) -> list[int]:
+    """List the present frame and some of the scene's, in order."""
+    spread = np.linspace(scene.frame_start, scene.frame_end, _SAMPLES).round().astype(int)
+    return sorted({scene.frame_current, *spread.tolist()})
 
 
 def natural_alignment(context: bpy.types.Context, source: SourceRig, alignment: RestAlignment) -> RestAlignment:

@@ -17,10 +17,10 @@ from ...backend.motion.motion import HandMotion
 from ...backend.records.errors import LiveHandError
 from ...backend.records.side import Side
 from ...backend.rigs.bvh_positions import with_offsets
-from ...backend.rigs.doubts import LARGEST_SIZE, SMALLEST_SIZE, motion_doubts
+from ...backend.rigs.doubts import LARGEST_SIZE, SMALLEST_SIZE
 from ...backend.rigs.joint_guess import JointGuess, guess_joints
-from ...backend.rigs.rest_alignment import align, source_nodes
-from ...backend.rigs.retarget import retarget
+from ...backend.rigs.rest_alignment import source_nodes
+from ...backend.rigs.rig_reading import read_motion
 from ...backend.rigs.shape_fit import HandShape, fit_shape
 from ...backend.rigs.source_skeleton import JointMap
 from ...backend.system.files import MIB, read_regular
@@ -99,9 +99,8 @@ def read_rig_file(
         source = sample_source(
             bpy.context, SourceRig(armature, joint_map), _frames(armature, _stretch(path, scene))
         ).scaled(scale_m)
-        alignment = align(skeleton, joint_map, model, shape)
-        motion = retarget(source, alignment)
-        return RigFileMotion(motion, alignment.shape, armature.name, joint_map, motion_doubts(alignment, motion))
+        found = read_motion(skeleton, joint_map, source, model, shape)
+        return RigFileMotion(found.motion, found.shape, armature.name, joint_map, found.doubt)
 
 
 def likely_unit(size: float) -> str:

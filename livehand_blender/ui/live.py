@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import bpy
@@ -16,6 +17,7 @@ from .mixins import reports_errors
 from .packages import draw_packages
 
 _INTERVAL_S = 1 / 60
+_LINE_CHARACTERS = 40  # of a warning in the sidebar
 
 
 class LIVEHAND_OT_live(bpy.types.Operator):
@@ -79,6 +81,7 @@ class LIVEHAND_OT_live(bpy.types.Operator):
         except LiveHandError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        self._is_doubted = False
         self._timer = context.window_manager.event_timer_add(_INTERVAL_S, window=context.window)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
@@ -98,6 +101,7 @@ class LIVEHAND_OT_live(bpy.types.Operator):
             except BaseException:
                 self._ended(context)
                 raise
+            self._warn(context)
             if self._session.has_ended:
                 return self._ended(context)
         return {"PASS_THROUGH"}
@@ -107,6 +111,15 @@ class LIVEHAND_OT_live(bpy.types.Operator):
         context.window_manager.event_timer_remove(self._timer)
         if LiveSession.running is self._session:
             LiveSession.stop()
+
+    def _warn(self, context: bpy.types.Context) -> None:
+        """Report what speaks against the hands when something begins to; the panel shows it as long as it does."""
+        doubts = self._session.doubts
+        if doubts and not self._is_doubted:
+            self.report({"WARNING"}, "; ".join(doubts))
+        if bool(doubts) != self._is_doubted and context.area is not None:
+            context.area.tag_redraw()
+        self._is_doubted = bool(doubts)
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
         context.window_manager.event_timer_remove(self._timer)
@@ -175,6 +188,8 @@ def draw_live(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     text = "Key Recording" if session.is_recording else "Record"
     row.operator("livehand.live_record", text=text, icon="REC", depress=session.is_recording)
     row.operator("livehand.live_stop", icon="X")
+    for line in (line for doubt in session.doubts for line in textwrap.wrap(doubt, _LINE_CHARACTERS)):
+        layout.label(text=line, icon="ERROR")
 
 
 def _end(context: bpy.types.Context, operator: bpy.types.Operator) -> None:
@@ -188,6 +203,8 @@ def _end(context: bpy.types.Context, operator: bpy.types.Operator) -> None:
 
 
 def _key(context: bpy.types.Context, operator: bpy.types.Operator, session: LiveSession) -> None:
-    count = session.key(context)
+    keyed = session.key(context)
     bpy.ops.ed.undo_push(message="Record Hands")
-    operator.report({"INFO"}, f"Keyed {count} frames")
+    for doubt in keyed.doubts:
+        operator.report({"WARNING"}, doubt)
+    operator.report({"INFO"}, f"Keyed {keyed.frames} frames")

@@ -9,9 +9,14 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.motion.landmarks.skeleton import landmarks_of
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.tracking.live import CameraSource
+from livehand.backend.records.shot import HandPose
+from livehand.backend.tracking.live import CameraSource, LiveFrame
+from livehand.backend.tracking.takes import FrameHands, put_together
+from livehand.backend.tracking.tracked_hand import TrackedHand
 from livehand.livehand_blender.motion import live as live_hands
 from livehand.livehand_blender.motion.live import LiveSession, LiveSetup
 from livehand.livehand_blender.rig.build import add_hand
@@ -111,7 +116,7 @@ def test_the_hand_follows_without_keys_and_what_is_recorded_is_keyed_once(waved,
     assert right_hand.animation_data is None or right_hand.animation_data.action is None
     image = bpy.data.images["LiveHand Live"]
     assert tuple(image.size) == (320, 240)
-    count = session.key(bpy.context)
+    count = session.key(bpy.context).frames
     assert not session.is_recording
     first, last = right_hand.animation_data.action.frame_range
     assert first == 5
@@ -129,7 +134,7 @@ def test_a_killed_child_is_one_error_and_what_was_recorded_is_keyed(slow_film, r
     os.kill(pid, signal.SIGKILL)
     with pytest.raises(LiveHandError, match="must go on, it ended"):
         step_until_found(session, FRAMES)
-    assert session.key(bpy.context) >= 1
+    assert session.key(bpy.context).frames >= 1
     LiveSession.stop()
     assert nothing_is_left(pid)
 
@@ -155,6 +160,59 @@ def test_a_second_session_ends_the_first(waved):
     second = start(waved).pid
     assert not is_alive(first)
     assert is_alive(second)
+
+
+class _FakeTracker:
+    """Plays frames that were made, one a step."""
+
+    pid, has_ended = 0, False
+
+    def __init__(self, frames):
+        self._frames = list(frames)
+        self._kept = [FrameHands(frame.time_s, frame.size_px, frame.hands) for frame in frames]
+
+    def newest(self):
+        return self._frames.pop(0) if self._frames else None
+
+    def record(self):
+        pass
+
+    def recorded(self):
+        return put_together(self._kept)
+
+    def close(self):
+        pass
+
+
+def seen_frames(count, mirror):
+    """A right hand that closes before the camera; its landmarks in space multiplied by a mirror [3]."""
+    axes, model, facing = FingerAxes.of_default_hand(), load_default_hand(), np.array([1.2092, 1.2092, 1.2092])
+    picture = np.zeros((8, 8, 3), np.uint8)
+    for index in range(count):
+        theta = theta_of((0.2 + 0.6 * index / count) * GESTURES["fist"].angles_deg(), axes, facing)
+        points = landmarks_of(model, HandPose(theta, np.zeros(10), np.zeros(3)))
+        points += np.array([0, 0, 0.5]) - points.mean(0)
+        px = points[:, :2] / points[:, 2:] * 1152 + [640, 360]
+        world = (points - points.mean(0)) * mirror
+        hand = TrackedHand(0, px, world, 1.0, 0.99)
+        yield LiveFrame(index, index / 30, 0.0, (1280, 720), (hand,), picture)
+
+
+@pytest.mark.parametrize(("mirror", "words"), [((1, 1, 1), ""), ((1, 1, -1), "bent backwards"), ((9, 9, 9), "9 times")])
+def test_what_speaks_against_a_hand_is_told_while_it_follows(right_hand, monkeypatch, mirror, words):
+    frames = list(seen_frames(45, np.array(mirror, float)))
+    monkeypatch.setattr(live_hands, "LiveTracker", lambda source: _FakeTracker(frames))
+    session = start("camera")
+    while session.step(bpy.context) is not None:
+        pass
+    if not words:
+        assert session.doubts == ()
+        assert session.key(bpy.context).doubts == ()
+        return
+    assert session.doubts[0].startswith("Check the right hand: ")
+    assert words in " ".join(session.doubts)
+    if words == "bent backwards":
+        assert words in session.key(bpy.context).doubts[0]
 
 
 def test_a_lost_camera(tmp_path, right_hand):

@@ -259,6 +259,31 @@ def test_a_failed_import_changes_nothing(hand, model, tmp_path):
     np.testing.assert_array_equal(read(hand, 1).theta, before.theta)
 
 
+def test_what_speaks_against_an_imported_motion_is_told(hand, model, tmp_path, capfd):
+    """A joint beyond its limits, a jump, another unit: warnings; a number that is none: an error, nothing keyed."""
+    still = np.zeros((12, 16, 3))
+    beyond, jump, broken = still.copy(), still.copy(), still.copy()
+    beyond[:, 2] = [0, 1.0 if model.side == "right" else -1.0, 0]
+    jump[6:, 0] = [0, 2.5, 0]
+    broken[3, 4, 0] = np.nan
+    cases = (
+        (beyond, 0.1, ("index2 bend up to 24 degrees beyond what a hand can",)),
+        (jump, 0.1, ("wrist turns by 143 degrees from its frame 6 to the next",)),
+        (still, 300.0, ("m away: the unit may be another",)),
+    )
+    for theta, place, words in cases:
+        np.savez(tmp_path / "bad.npz", theta=theta, transl=np.full((12, 3), place), fps=30.0, side=model.side)
+        assert bpy.ops.livehand.import_motion(filepath=str(tmp_path / "bad.npz")) == {"FINISHED"}
+        said = capfd.readouterr()
+        for word in ("Check the motion", *words):
+            assert word in said.out + said.err
+    hand.animation_data_clear()
+    np.savez(tmp_path / "bad.npz", theta=broken, side=model.side)
+    with pytest.raises(RuntimeError, match="NaN"):
+        bpy.ops.livehand.import_motion(filepath=str(tmp_path / "bad.npz"))
+    assert is_untouched(hand)
+
+
 def test_an_import_can_be_undone(model, tmp_path):
     bpy.ops.ed.undo_push(message="before")
     name = add_hand(bpy.context, model).name

@@ -18,6 +18,7 @@ from livehand.livehand_blender.rigs.bake import bake
 from livehand.livehand_blender.rigs.follow import follow, is_following, stop_following
 from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
 from livehand.tools.builtin_hand import TEMPLATE
+from mathutils import Quaternion
 
 MOST_M, MEAN_M = 0.005, 0.003  # between our fingertips and the source's
 # What is the same for both.
@@ -127,6 +128,24 @@ def test_bones_point_in_the_directions_of_the_source(moving):
         for k in (first, first + 1):
             a, b = joints[k + 1] - joints[k], theirs[k + 1] - theirs[k]
             assert a @ b / np.linalg.norm(a) / np.linalg.norm(b) > 1 - 1e-5
+
+
+@ONE_SIDE
+def test_what_a_hand_cannot_do_is_told_when_it_comes_later(moving):
+    made, frames, ours = moving
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = frames[0], frames[-1]
+    scene.frame_set(frames[0])
+    source = SourceRig(made.armature, made.joint_map)
+    assert "middle2" not in (follow(bpy.context, RiggedHand.of(ours), source) or "")
+    bone = made.armature.pose.bones[made.joint_map.bones[5]]
+    bone.rotation_mode = "QUATERNION"
+    scene.frame_set(frames[-1])
+    bone.rotation_quaternion = Quaternion((1, 0, 0), 2.8) @ bone.rotation_quaternion
+    bone.keyframe_insert("rotation_quaternion", frame=frames[-1])
+    scene.frame_set(frames[0])
+    assert follow(bpy.context, RiggedHand.of(ours), source).startswith("middle2")
+    assert scene.frame_current == frames[0]
 
 
 @ONE_SIDE

@@ -41,10 +41,14 @@ def anatomical_name(joint, side):
     return "WRIST" if joint == 0 else f"{finger}_{parts[int(number) - 1]}"
 
 
-def write_bvh(path, side, thetas, wrists_cm, fps, name_of=bvh_name, rest_theta=None, per_m=100.0):
-    """Our hand in BVH: Y up, the wrist's rotation and place in the file's world, at rest as in `rest_theta`."""
-    nodes = per_m * rest_nodes(load_default_hand().for_side(side), np.zeros(10))
-    rest = global_turns(np.zeros((16, 3)) if rest_theta is None else rest_theta)
+def write_bvh(path, side, thetas, wrists_cm, fps, name_of=bvh_name, rest_theta=None, per_m=100.0, mirror=(1, 1, 1)):
+    """Our hand in BVH: Y up, the wrist's rotation and place in the file's world, at rest as in `rest_theta`.
+
+    All is mirrored by factors of the axes.
+    """
+    flip = np.diag(np.array(mirror, float))
+    nodes = per_m * rest_nodes(load_default_hand().for_side(side), np.zeros(10)) @ flip
+    rest = flip @ global_turns(np.zeros((16, 3)) if rest_theta is None else rest_theta) @ flip
     joints = nodes[[0, *(4 * f + k for f in range(5) for k in (1, 2, 3))]]
     lines = ["HIERARCHY"]
 
@@ -67,8 +71,8 @@ def write_bvh(path, side, thetas, wrists_cm, fps, name_of=bvh_name, rest_theta=N
     write(0, 0)
     lines += ["MOTION", f"Frames: {len(thetas)}", f"Frame Time: {1 / fps:.8f}"]
     for theta, wrist in zip(thetas, wrists_cm, strict=True):
-        numbers = [*wrist]
-        since_rest = global_turns(theta) @ rest.swapaxes(1, 2)
+        numbers = [*(flip @ wrist)]
+        since_rest = flip @ global_turns(theta) @ flip @ rest.swapaxes(1, 2)
         for joint in range(16):
             above = since_rest[PARENTS[joint]] if joint else np.eye(3)
             angles = np.rad2deg(Matrix((above.T @ since_rest[joint]).tolist()).to_euler("YXZ"))  # R = Rz Rx Ry
@@ -166,6 +170,17 @@ def test_a_motion_beyond_what_a_hand_can_is_warned_of(hand, model, tmp_path, cap
     run(write_bvh(tmp_path / "m.bvh", model.side, thetas, np.zeros((4, 3)), 24))
     said = capfd.readouterr()
     assert "Check the motion: middle2 bend" in said.out + said.err
+
+
+@pytest.mark.parametrize("mirror", [(-1, 1, 1), (1, 1, -1)], ids=["x", "z"])
+def test_left_handed_axes_are_mirrored_back_with_a_word(hand, model, tmp_path, capfd, mirror):
+    thetas = np.repeat(some_thetas(model.side), 3, 0)
+    path = write_bvh(tmp_path / "m.bvh", model.side, thetas, np.zeros((12, 3)), 3, mirror=mirror)
+    run(path, match_fps=False)
+    said = capfd.readouterr()
+    assert "Check the motion: its hand is a mirror image" in said.out + said.err
+    for frame in (1, 4, 7, 10):
+        np.testing.assert_allclose(pose_at(hand, frame).theta[1:], thetas[frame - 1, 1:], atol=2e-4)
 
 
 def test_a_file_without_fingers_has_no_hand(hand, tmp_path):

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from livehand.backend.hand.bones import rest_forearm
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
-from livehand.backend.motion.gate import bends_backwards, excess_rad, motion_doubts
+from livehand.backend.motion.gate import bends_backwards, excess_rad, motion_doubts, pose_doubts
 from livehand.backend.motion.motion import HandMotion, mirrored
 
 AXES = FingerAxes.of_default_hand()
@@ -72,7 +73,7 @@ def test_a_mirrored_hand_bends_backwards(hand, side):
     assert not bends_backwards(own, side)
     assert bends_backwards(own * MIRROR_AXIS_ANGLE, side)
     assert not bends_backwards(closing(most=0.05) * MIRROR_AXIS_ANGLE, side)  # nearly flat: it cannot be told
-    backwards, beyond = motion_doubts(hand, motion_of(own * MIRROR_AXIS_ANGLE, side=side))
+    backwards, beyond, *_ = motion_doubts(hand, motion_of(own * MIRROR_AXIS_ANGLE, side=side))
     assert backwards.startswith("the fingers bend 67 degrees backwards on average")
     assert "index1, index2, index3" in beyond
 
@@ -99,3 +100,31 @@ def test_a_place_a_shape_or_angles_in_another_unit(hand):
     assert motion_doubts(hand, odd) == ["a shape of 40 standard deviations is no hand's"]
     degrees = motion_doubts(hand, motion_of(np.rad2deg(still)))
     assert degrees[0] == "angles of up to 92 rad: they may be in degrees"
+
+
+def test_a_joint_slightly_beyond_its_limits_is_named_too(hand):
+    thetas = np.concatenate([bent(1)] * 7 + [bent(2, flexion=-32.0)] + [bent(1)] * 2)
+    assert motion_doubts(hand, motion_of(thetas)) == [
+        "index2 bend up to 7 degrees beyond a hand's usual limits, in 1 of 10 frames, first in its frame 8"
+    ]
+    both = np.concatenate([bent(2, flexion=-60.0), bent(14, flexion=78.0)])
+    assert motion_doubts(hand, motion_of(both)) == [
+        "index2 bend up to 35 degrees beyond what a hand can, in 1 of 2 frames, first in its frame 1",
+        "thumb2 bend up to 3 degrees beyond a hand's usual limits, in 1 of 2 frames, first in its frame 2",
+    ]
+    assert motion_doubts(hand, motion_of(bent(2, flexion=-25.5))) == []  # rounding
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_wrist_bent_as_none_can(hand, side):
+    flexion = rest_forearm(hand.for_side(side)).frame[:, 0]
+    for degrees, said in ((60, []), (120, ["the wrist bends by up to 120 degrees against the forearm"])):
+        arm = np.deg2rad(degrees) * flexion
+        motion = motion_of(np.zeros((1, 16, 3)), forearm=arm, side=side)
+        assert motion_doubts(hand, motion) == said
+
+
+def test_poses_in_no_order_are_not_said_to_jump_and_name_no_frames(hand):
+    fist, flat = closing()[-1], closing()[0]
+    motion = motion_of(np.array([flat, fist] * 4 + [bent(2, flexion=-60.0)[0]]))
+    assert pose_doubts(hand, motion, names_frames=False) == ["index2 bend up to 35 degrees beyond what a hand can"]

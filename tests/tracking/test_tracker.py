@@ -94,6 +94,17 @@ def test_noise_costs_two_searches_a_frame(networks, shown, monkeypatch):
     assert len(searches) == 10
 
 
+@pytest.mark.parametrize(("search_every", "count"), [(10, 2), (5, 3)])
+def test_another_hand_is_searched_for_every_few_pictures(networks, shown, monkeypatch, search_every, count):
+    """The first picture has its own search."""
+    searches = []
+    monkeypatch.setattr(tracker_module, "find_hands", lambda *args: searches.append(args) or find_hands(*args))
+    tracker = HandTracker(networks, 2, search_every)
+    for _ in range(11):
+        assert len(tracker.track(shown("palm"))) == 1
+    assert len(searches) == count
+
+
 def test_one_hand_is_not_two(networks, shown):
     """A second region of the same hand, turned, would be followed beside the first."""
     tracker = HandTracker(networks, 2)

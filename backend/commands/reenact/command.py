@@ -58,8 +58,9 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from ...tracking.tracker import HandTracker
     from ...tracking.video import open_video
     from ...tracking.weights import load_networks
+    from .film_look import measured_look
     from .filmed_shots import FilmedShots
-    from .reenactment import measured_look, reenacted
+    from .reenactment import reenacted
 
     if args.output.suffix and args.output.suffix.lower() not in _VIDEO_SUFFIXES:
         raise LiveHandError(f"the output must be a folder or a video ({', '.join(_VIDEO_SUFFIXES)}), got {args.output}")

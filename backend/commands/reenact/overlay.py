@@ -50,9 +50,17 @@ def wrist_fade(frame: Frame, camera: Camera, along: np.ndarray, reach_m: float) 
     return fade
 
 
-def colour_gain(frame: Frame, picture: np.ndarray) -> np.ndarray | None:
-    """Find [3] by which the frame's light must be multiplied to have the picture's colour; None if too little shows."""
+def colour_gain(frame: Frame, picture: np.ndarray, shown: np.ndarray | None = None) -> np.ndarray | None:
+    """Find [3] by which the frame's light must be multiplied to have the picture's colour; None if too little shows.
+
+    Args:
+        frame: of the avatar.
+        picture: uint8 [H, W, 3].
+        shown: [H, W] bool, where the picture shows the real hand; None: wherever the frame shows the avatar.
+    """
     solid = frame.alpha > _SOLID
+    if shown is not None:
+        solid &= shown
     if solid.sum() < _LEAST_PIXELS:
         return None
     real, made = np.median(_linear(picture[solid]), 0), np.median(frame.rgb[solid], 0)

@@ -19,8 +19,11 @@ _AXES = {
 }
 
 
-def file_summary(file: MotionFile) -> dict[str, str]:
-    """Word how the file is interpreted, by label; notes are numbered."""
+def file_summary(file: MotionFile, fits_landmarks: bool = False) -> dict[str, str]:
+    """Word how the file is interpreted and what speaks against it, by label; notes are numbered.
+
+    Landmarks are checked only where they are to be fitted, which takes its time.
+    """
     info = file.info
     facts = {
         "format": info.format,
@@ -36,7 +39,8 @@ def file_summary(file: MotionFile) -> dict[str, str]:
         facts["mean"] = "in the angles" if info.has_mean_added else "to be added (needs a MANO file)"
         count = info.pca_components
         facts["angles"] = f"{count} components (needs a MANO file)" if count else "axis-angle"
-    if doubt := _doubt(file):
+    is_checked = fits_landmarks or isinstance(file, PoseFile)
+    if is_checked and (doubt := _doubts(file)):
         facts["check"] = doubt
     return facts | {f"note {number}": note for number, note in enumerate(info.notes, 1)}
 
@@ -47,10 +51,15 @@ def _frames(info: FileInfo) -> str:
     return f"{info.frames}{late}" + (f", {info.missing} of them without a hand" if info.missing else "")
 
 
+def _doubts(file: MotionFile) -> str:
+    """Word what speaks against every hand of a file, on the built-in hand; empty: nothing."""
+    found = {side: _doubt(file.with_changes(side=side) if len(file.sides) > 1 else file) for side in file.sides}
+    if len(found) == 1:
+        return next(iter(found.values())) or ""
+    return "; ".join(f"the {side} hand: {doubt}" for side, doubt in found.items() if doubt)
+
+
 def _doubt(file: MotionFile) -> str | None:
-    """Word what speaks against a pose file on the built-in hand; fits to landmarks are checked when they are made."""
-    if not isinstance(file, PoseFile):
-        return None
     try:
         return motion_and_warning(file, ImportOptions(), load_default_hand(), None)[1]
     except LiveHandError as error:

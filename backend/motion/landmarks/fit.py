@@ -125,12 +125,6 @@ def _fit(nodes: np.ndarray, skeleton: HandSkeleton, noise: LandmarkNoise) -> tup
     return poses, beta, float(np.sqrt(((posed.nodes - nodes) ** 2).sum(-1).mean()))
 
 
-def likelier_side(points: np.ndarray, model: HandModel) -> Side:
-    """Choose the side whose fit to landmarks [T, 21, 3] m has the smaller error, in at most 40 frames."""
-    errors = side_errors(points, model)
-    return min(SIDES, key=errors.__getitem__)
-
-
 def side_errors(points: np.ndarray, model: HandModel) -> dict[Side, float]:
     """Measure the root mean square distance, m, of landmarks [T, 21, 3] m from a hand of each side, in <= 40 frames."""
     some = points[:: max(1, len(points) // _FRAMES_FOR_SIDE)]

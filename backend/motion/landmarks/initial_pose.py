@@ -6,9 +6,11 @@ import numpy as np
 
 from ...geometry.rotation import axis_angle_to_matrix, rotation_between
 from ...hand.joint_limits import LIMITS
+from ..gate import backwards_rad
 from .articulation import all_angles, free_angles
 from .skeleton import HandSkeleton
 
+_BACKWARDS_RAD = np.deg2rad(20.0)  # fingers on average; flat ones seem to bend a little backwards
 _PALM = (0, 1, 5, 9, 13)  # the wrist and the four knuckles among the nodes
 
 
@@ -20,8 +22,10 @@ def aligned_palm(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.n
     return rotation, centre + rotation @ (rest[0] - rest_centre)
 
 
-def aligned_bones(points: np.ndarray, root: np.ndarray, skeleton: HandSkeleton, beta: np.ndarray) -> np.ndarray:
-    """Point each bone at the next node by free angles [T, 21] within the limits; the thumb's twist stays zero."""
+def aligned_bones(
+    points: np.ndarray, root: np.ndarray, skeleton: HandSkeleton, beta: np.ndarray, is_limited: bool = True
+) -> np.ndarray:
+    """Point each bone at the next node by free angles [T, 21], within the limits; the thumb's twist stays zero."""
     fingers = points[:, 1:].reshape(len(points), 5, 4, 3)
     bones, offsets = np.diff(fingers, axis=2), skeleton.offsets(beta)
     lowest, highest = np.moveaxis(all_angles(LIMITS.T), 0, 0)  # each [5, 3, 3]
@@ -32,11 +36,19 @@ def aligned_bones(points: np.ndarray, root: np.ndarray, skeleton: HandSkeleton, 
             flexion, abduction, _ = skeleton.axes[finger, joint]
             wanted = np.einsum("tba,tb->ta", parent, bones[:, finger, joint])
             bend = _bend(wanted, offsets[finger, joint + 1], flexion, abduction)
-            bend = np.clip(bend, lowest[finger, joint, :2], highest[finger, joint, :2])
+            if is_limited:
+                bend = np.clip(bend, lowest[finger, joint, :2], highest[finger, joint, :2])
             angles[:, finger, joint, :2] = bend
             rotation = axis_angle_to_matrix(bend[:, :1] * flexion) @ axis_angle_to_matrix(bend[:, 1:] * abduction)
             parent = parent @ rotation
     return free_angles(angles)
+
+
+def backwards_bend_rad(points: np.ndarray, skeleton: HandSkeleton) -> float:
+    """Measure how far the fingers of a right hand's nodes [T, 21, 3] bend backwards, as if mirrored; 0: not."""
+    root, _ = aligned_palm(points, skeleton.rest)
+    free = aligned_bones(points, root, skeleton, np.zeros(10), is_limited=False)
+    return backwards_rad(all_angles(free)[:, :4, :, 0].mean((1, 2)), _BACKWARDS_RAD)
 
 
 def _bend(wanted: np.ndarray, bone: np.ndarray, flexion: np.ndarray, abduction: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from ..document import Document
 from ..motion import HandMotion
 from ..pose_file import METRES, FileInfo, Unit, check_changes, with_frames, with_gaps_filled
 from ..resampling import smoothed
-from .fit import METRIC, MONOCULAR, LandmarkFit, fit_landmarks, likelier_side, palm_m, side_errors
+from .fit import METRIC, MONOCULAR, LandmarkFit, fit_landmarks, palm_m, side_errors
 from .picture_camera import PictureCamera, lifted
 from .recording import is_recording, read_recording
 from .tracks import Track, follow_hands
@@ -37,10 +37,15 @@ _SHIFTED_NOTE = (
     "the wrist moves across the picture but never in depth: the landmarks are a picture's that were moved or scaled "
     "since, not metres"
 )
+_UNREALS_UNIT: Unit = "cm"
 _MIRRORED_NOTE = "a labelled hand bends as the other one: the axes are left-handed, as Unity's, and z is negated"
+_UNREAL_NOTE = (
+    "a labelled hand bends as the other one: the axes are left-handed, in cm as Unreal's, so y is negated and z is up"
+)
+_FAR_M = 0.015  # root mean square distance of landmarks, from which they are no hand's
 _SCALES = (0.4, 2.5)  # of a hand against the built-in one
 _KNUCKLES = (5, 9, 13, 17)
-_NEGATED_Z = np.array([1.0, 1, -1])
+_NEGATED_Y, _NEGATED_Z = np.array([1.0, -1, 1]), np.array([1.0, 1, -1])
 
 
 @dataclass(frozen=True)
@@ -113,9 +118,12 @@ class LandmarkFile:
         return smoothed(with_gaps_filled(self.fit(model).motion, self.frame_indices), smooth_frames)
 
     def warning(self, model: HandModel) -> str | None:
-        """Word why the side is probably wrong; None if the hand bends as one of that side."""
-        likelier = likelier_side(self._points_m(model), model)
-        return None if likelier == self.info.side else f"the landmarks bend like a {likelier} hand"
+        """Word why the side is probably wrong, or that no hand is; None: the hand bends as one of that side."""
+        errors = side_errors(self._points_m(model), model)
+        likelier = min(SIDES, key=errors.__getitem__)
+        if likelier != self.info.side:
+            return f"the landmarks bend like a {likelier} hand"
+        return f"the landmarks are {1e3 * errors[likelier]:.0f} mm from a hand's" if errors[likelier] > _FAR_M else None
 
     @property
     def _track(self) -> Track:
@@ -158,7 +166,8 @@ def read_landmarks(document: Document) -> LandmarkFile:
     name, space = (MEDIAPIPE, "opencv") if found.is_mediapipe else (WEBXR, "y_up")
     name = PICTURE if found.is_picture else SHIFTED if found.is_shifted else name
     unit = "m" if name in (PICTURE, SHIFTED) else likely_unit(found.hands)
-    hands, notes = _by_shape(found.hands, found.is_mediapipe, None if name in (PICTURE, SHIFTED) else METRES[unit])
+    hands, notes = _by_shape(found.hands, found.is_mediapipe, None if name in (PICTURE, SHIFTED) else unit)
+    space = "z_up" if _UNREAL_NOTE in notes else space
     has_translation = name != MEDIAPIPE or any(_has_translation(track.points) for track in found.hands)
     if unit != "m":
         notes = (*notes, f"the hand's size tells the unit: read as {unit}")
@@ -180,15 +189,14 @@ def likely_unit(tracks: Sequence[Track]) -> Unit:
 
 
 def _by_shape(
-    tracks: tuple[Track, ...], is_mediapipe: bool, scale_m: float | None
+    tracks: tuple[Track, ...], is_mediapipe: bool, unit: Unit | None
 ) -> tuple[dict[Side, Track], tuple[str, ...]]:
-    """Divide the tracks by the side that their shape has, and say how it was found; a scale of None: no metres."""
-    bends: list[Side | None] = [None if scale_m is None else _bend(track.points * scale_m) for track in tracks]
+    """Divide the tracks by the side that their shape has, and say how it was found; without a unit: a picture's."""
+    bends: list[Side | None] = [None if unit is None else _bend(track.points * METRES[unit]) for track in tracks]
     if not is_mediapipe and _is_mirrored_space(tracks, bends):
-        flipped: dict[Side, Track] = {
-            track.label: track._replace(points=track.points * _NEGATED_Z) for track in tracks if track.label
-        }
-        return flipped, (_MIRRORED_NOTE,)
+        is_unreals = unit == _UNREALS_UNIT
+        mirror, note = (_NEGATED_Y, _UNREAL_NOTE) if is_unreals else (_NEGATED_Z, _MIRRORED_NOTE)
+        return {track.label: track._replace(points=track.points * mirror) for track in tracks if track.label}, (note,)
     labels: list[Side | None] = [_side_of_label(track, is_mediapipe) for track in tracks]
     if len({bend or label for bend, label in zip(bends, labels, strict=True)}) < len(tracks):
         bends = [None] * len(tracks)

@@ -23,6 +23,7 @@ from ..gate import motion_doubts
 from ..motion import FPS_RANGE, MOST_FRAMES, HandMotion
 from ..pose_file import FileInfo, check_changes, with_frames
 from ..resampling import smoothed
+from .live_gate import backwards_doubt, lost_doubt
 from .picture_camera import PictureCamera
 from .take_fit import FilmCamera, FilmedHand, TakeFit, fit_take
 
@@ -31,7 +32,6 @@ _MIRROR = np.array([-1.0, 1, 1])
 _LEAST_STEP_S = 1e-5
 _MOST_WORLD_M = 100.0
 _MOST_TILT = 1e3  # of points, in focal lengths from the picture's middle
-_WRONG_SHARE = 0.2  # of rejected frames, from which a take is doubted
 
 
 @dataclass(frozen=True)
@@ -147,9 +147,8 @@ def _unmirrored_hand(hand: FilmedHand, camera: FilmCamera) -> FilmedHand:
 
 def take_doubts(fit: TakeFit, model: HandModel) -> str | None:
     """Word what the user should look at in a take fitted to a model; None if nothing."""
-    share = fit.rejected / len(fit.motion)
-    lost = [f"the hand was not where it seemed in {100 * share:.0f} % of the frames"] if share > _WRONG_SHARE else []
-    return "; ".join([*lost, *motion_doubts(model, fit.motion)]) or None
+    found = [lost_doubt(fit.rejected / len(fit.motion)), backwards_doubt(fit.backwards_rad)]
+    return "; ".join([*(doubt for doubt in found if doubt), *motion_doubts(model, fit.motion)]) or None
 
 
 def write_take(take: FilmedTake, path: Path) -> None:

@@ -14,6 +14,7 @@ from ..motion import HandMotion, mirrored
 from ..resampling import sampled_at
 from .articulation import NaturalPoses, all_angles
 from .camera_fit import CameraPoses, CameraProblem, FitWeights, Sighting2D, at_nodes
+from .initial_pose import backwards_bend_rad
 from .lifting import LiftedLandmarks, Lifting, mediapipe_lifting
 from .skeleton import HandSkeleton
 
@@ -73,6 +74,7 @@ class TakeFit:
         fit_error: [F] root mean square distance of the hand from the landmarks in the picture, as a share of its size;
             1 where nothing was seen.
         rejected: frames of the film whose landmarks were taken for mistakes.
+        backwards_rad: how far the landmarks' fingers bend backwards on average, as a mirrored hand's do; 0: not.
     """
 
     motion: HandMotion
@@ -80,6 +82,7 @@ class TakeFit:
     is_keyed: np.ndarray
     fit_error: np.ndarray
     rejected: int
+    backwards_rad: float = 0.0
 
 
 def fit_take(
@@ -116,7 +119,8 @@ def fit_take(
     poses = CameraPoses(*(np.concatenate(column) for column in zip(*(part[0] for part in parts), strict=True)))
     fit_error, rejected = np.concatenate([part[1] for part in parts]), sum(part[2] for part in parts)
     frames = np.concatenate([np.arange(segment.start, segment.stop) for segment in _segments(seen)])
-    return _at_equal_steps(motion_of(poses, skeleton, beta, side, fps), fit_error, seen.times[frames], rejected)
+    fit = _at_equal_steps(motion_of(poses, skeleton, beta, side, fps), fit_error, seen.times[frames], rejected)
+    return replace(fit, backwards_rad=backwards_bend_rad(seen.world[seen.is_seen], skeleton))
 
 
 def motion_of(
@@ -138,6 +142,8 @@ def sighted(
     Raises:
         LiveHandError: the landmarks are not those of a hand.
     """
+    if not (np.isfinite(hand.px).all() and np.isfinite(hand.world).all()):
+        raise LiveHandError("landmarks must be finite, got NaN or infinity; track the hand again")
     first, count = int(hand.frames[0]), int(hand.frames[-1] - hand.frames[0]) + 1
     rows = hand.frames - first
     picture_points = (hand.px - np.array(camera.size_px) / 2) / camera.focal_px

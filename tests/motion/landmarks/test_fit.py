@@ -17,7 +17,7 @@ from livehand.backend.motion.landmarks.articulation import (
     free_angles,
     within_limits,
 )
-from livehand.backend.motion.landmarks.fit import METRIC, LandmarkNoise, fit_landmarks, likelier_side
+from livehand.backend.motion.landmarks.fit import METRIC, LandmarkNoise, fit_landmarks, side_errors
 from livehand.backend.motion.landmarks.initial_pose import aligned_bones, aligned_palm
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton, node_jacobian
 from livehand.backend.records.errors import LiveHandError
@@ -98,8 +98,10 @@ def test_a_left_hand_is_the_mirror_of_a_right_one(hand):
     assert left.motion.side == "left"
     np.testing.assert_allclose(left.motion.theta, right.motion.theta * [1, -1, -1], atol=1e-9)
     np.testing.assert_allclose(left.motion.transl, right.motion.transl * MIRROR_POINT, atol=1e-9)
-    assert likelier_side(points, hand) == "right"
-    assert likelier_side(points * MIRROR_POINT, hand) == "left"
+    right = side_errors(points, hand)
+    assert right["right"] < right["left"]
+    left = side_errors(points * MIRROR_POINT, hand)
+    assert left["left"] < left["right"]
 
 
 def test_a_scale_is_found_where_it_may_be(hand):

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.motion.files.import_options import ImportOptions, motion_and_warning
 from livehand.backend.motion.files.open_files import open_motion_file, open_pose_file
+from livehand.backend.motion.files.summary import file_summary
 from livehand.backend.motion.landmarks.landmark_file import LandmarkFile
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton, landmarks_of
+from livehand.backend.motion.spaces import TO_BLENDER
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 
@@ -165,9 +168,9 @@ def test_bad_landmarks_are_refused(tmp_path):
         open_pose_file(tmp_path / "take.npz")
 
 
-def hands_of(side_points):
+def hands_of(side_points, frames=3):
     """Rows of a table of OpenXR's joints: frame, side, name, x, y, z."""
-    for frame in range(3):
+    for frame in range(frames):
         for side, points in side_points.items():
             for name, point in zip(OPENXR, points[frame], strict=True):
                 yield frame, side, name, *point
@@ -264,3 +267,42 @@ def test_a_pictures_landmarks_are_told_by_a_wrist_without_depth(tmp_path):
     still = points - points[:, :1]
     np.savez(tmp_path / "take.npz", landmarks=still)
     assert opened(tmp_path / "take.npz").info.format == "MediaPipe landmarks"
+
+
+@pytest.mark.slow
+def test_unreals_axes_are_left_handed_and_its_z_is_up(tmp_path):
+    """X forward, Y right, Z up, in centimetres: ours with y negated."""
+    own = {side: 100 * np.einsum("ab,tkb->tka", TO_BLENDER["y_up"], points) for side, points in both_hands().items()}
+    unreal = {side: points * [1, -1, 1] for side, points in own.items()}
+    file = opened(write_table(tmp_path / "ue.csv", "frame,hand,joint,x,y,z", hands_of(unreal)))
+    assert (file.info.unit, file.info.space) == ("cm", "z_up")
+    assert "y is negated and z is up" in " ".join(file.info.notes)
+    for side, points in own.items():
+        chosen = file.with_changes(side=side.lower())
+        np.testing.assert_allclose(chosen.points, points)
+        assert motion_and_warning(chosen, ImportOptions(), load_default_hand(), None)[1] is None
+
+
+@pytest.mark.slow
+def test_landmarks_of_no_hand_are_doubted_where_they_are_fitted(tmp_path):
+    rng = np.random.default_rng(0)
+    wild = closing_landmarks() + rng.normal(size=(3, 21, 3)) * np.where(np.arange(21) % 4 == 0, 0.04, 0)[:, None]
+    np.savez(tmp_path / "take.npz", landmarks=wild)
+    assert "mm from a hand's" in file_summary(opened(tmp_path / "take.npz"), fits_landmarks=True)["check"]
+    assert "check" not in file_summary(opened(tmp_path / "take.npz"))
+    np.savez(tmp_path / "take.npz", landmarks=closing_landmarks())
+    assert "check" not in file_summary(opened(tmp_path / "take.npz"), fits_landmarks=True)
+
+
+@pytest.mark.slow
+def test_both_hands_of_a_file_are_checked(tmp_path):
+    good = np.add(closing_landmarks(), [0.2, 0, -0.4])
+    jumping = np.concatenate([good * [-1, 1, 1]] * 8)
+    jumping[6] = jumping[6] @ np.diag([1.0, -1, -1])
+    good = np.concatenate([good] * 8)
+    path = write_table(
+        tmp_path / "xr.csv", "frame,hand,joint,x,y,z", hands_of({"Right": good, "Left": jumping}, frames=24)
+    )
+    check = file_summary(opened(path), fits_landmarks=True)["check"]
+    assert check.startswith("the left hand: wrist turns by 180 degrees from its frame ")
+    assert "right" not in check
