@@ -108,5 +108,5 @@ def _send(args: argparse.Namespace, armature: bpy.types.Object, hand: TakenHand,
     from .sending import send_at_rate
     from .source import SourceRig
 
-    rig = SourceRig(armature, read_joint_map(armature, hand.side, args.bones))
+    rig = SourceRig.with_twists(armature, read_joint_map(armature, hand.side, args.bones))
     return send_at_rate(bpy.context, hand, rig, fps, bpy.context.scene.frame_start, arm=args.arm or "FK")

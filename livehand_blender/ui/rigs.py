@@ -250,4 +250,4 @@ def _source(hand: RiggedHand) -> SourceRig:
     rig = hand.properties.other_rig
     bones = tuple(getattr(rig, joint) or None for joint in JOINT_NAMES)
     tips = tuple(getattr(rig, tip_property(finger)) or None for finger in MANO_FINGERS)
-    return SourceRig(rig.armature, JointMap(_side(hand.properties), bones, tips, rig.forearm or None))
+    return SourceRig.with_twists(rig.armature, JointMap(_side(hand.properties), bones, tips, rig.forearm or None))
