@@ -14,6 +14,7 @@ from .scene import main_thread
 from .ui import (
     avatars,
     compositing,
+    grasping,
     hand_model,
     ik_grab,
     live,
@@ -43,6 +44,7 @@ CLASSES = (
     *studio.CLASSES,
     *new_scene.CLASSES,
     *posing.CLASSES,
+    *grasping.CLASSES,
     *pose_library.CLASSES,
     *shape.CLASSES,
     *compositing.CLASSES,
