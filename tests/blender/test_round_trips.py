@@ -53,7 +53,6 @@ def test_a_motion_comes_back_from_a_rig(other_rigs, rigify_file, model, curves_o
     assert bake(bpy.context, ours, source, FRAMES, fits_shape=False).doubt is None
     after = sample_motion(bpy.context, ours, FRAMES)
     joints_deg = apart_deg(after.theta, before.theta).max(0)
-    forearm_deg = apart_deg(after.forearms, before.forearms).max()
     wrist_m = np.linalg.norm(after.transl - before.transl, axis=1).max()
     rigs_times, times = (key_times(curves_of(one.animation_data.action)) for one in (rig, ours.armature))
     for name, value in {
@@ -61,12 +60,13 @@ def test_a_motion_comes_back_from_a_rig(other_rigs, rigify_file, model, curves_o
         "side": model.side,
         "bones": sent.bones,
         "joints_deg": joints_deg.max(),
-        "forearm_deg": forearm_deg,
         "wrist_mm": 1000 * wrist_m,
         "keys": len(max(rigs_times, key=len)),
     }.items():
         record_property(name, value)
     assert joints_deg.max() < MOST_DEG
+    if kind in CHARACTERS:  # Rigify's arms end at a shoulder, so that their elbows cannot be anywhere
+        assert apart_deg(after.forearms, before.forearms).max() < MOST_DEG
     assert wrist_m < MOST_M
     whole, ends = tuple(map(float, FRAMES)), (float(FRAMES[0]), float(FRAMES[-1]))
     assert {whole} <= rigs_times <= {whole, ends}  # a switch is keyed at both ends

@@ -40,6 +40,7 @@ TABLES: dict[str, Callable[[Documents], list[str]]] = {
     "splits": lambda of: tables.splits(of["avatars"]),
     "contrast": lambda of: tables.contrast(of["avatars"]),
     "zips": lambda of: tables.zips(of["release"]),
+    "round_trips": lambda of: tables.round_trips(of["round_trips"]),
     "summary": lambda of: tables.summary(of["views"], of["avatars"], of["benchmark"], of["idle"]),
 }
 
