@@ -114,6 +114,9 @@ def sheet_of(pictures: list[Path]) -> Image.Image:
 
 if __name__ == "__main__":
     livehand.register()
-    with tempfile.TemporaryDirectory() as folder:
-        shown = [path for number in HOLDS_SHOWN for path in picture_hold(number, Path(folder))]
-        sheet_of(shown).save(sys.argv[1], quality=QUALITY, optimize=True)
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            shown = [path for number in HOLDS_SHOWN for path in picture_hold(number, Path(folder))]
+            sheet_of(shown).save(sys.argv[1], quality=QUALITY, optimize=True)
+    finally:
+        livehand.unregister()

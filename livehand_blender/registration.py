@@ -14,7 +14,6 @@ from .scene import main_thread
 from .ui import (
     avatars,
     compositing,
-    grasping,
     hand_model,
     ik_grab,
     live,
@@ -44,7 +43,6 @@ CLASSES = (
     *studio.CLASSES,
     *new_scene.CLASSES,
     *posing.CLASSES,
-    *grasping.CLASSES,
     *pose_library.CLASSES,
     *shape.CLASSES,
     *compositing.CLASSES,

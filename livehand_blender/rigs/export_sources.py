@@ -104,9 +104,10 @@ def send_to_character(args: argparse.Namespace, take: Take) -> dict[str, Any]:
 def _send(args: argparse.Namespace, armature: bpy.types.Object, hand: TakenHand, fps: float) -> Sent:
     import bpy
 
+    from .aimed_bones import with_twists
     from .character_file import read_joint_map
     from .sending import send_at_rate
     from .source import SourceRig
 
-    rig = SourceRig.with_twists(armature, read_joint_map(armature, hand.side, args.bones))
+    rig = SourceRig(armature, with_twists(armature, read_joint_map(armature, hand.side, args.bones)))
     return send_at_rate(bpy.context, hand, rig, fps, bpy.context.scene.frame_start, arm=args.arm or "FK")

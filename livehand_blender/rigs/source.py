@@ -19,7 +19,6 @@ from ...backend.rigs.source_skeleton import JointMap, SourceSkeleton
 from ..motion.frames import current_frame_restored, frame_rate
 from ..rig.hand import RiggedHand
 from ..rig.sliders import read_beta, write_slider
-from .aimed_bones import with_twists
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +32,6 @@ class SourceRig:
 
     armature: bpy.types.Object
     joint_map: JointMap
-
-    @classmethod
-    def with_twists(cls, armature: bpy.types.Object, joint_map: JointMap) -> SourceRig:
-        """Take a hand's bones, or the controls of those that are aimed and lack their twist."""
-        return cls(armature, with_twists(armature, joint_map))
 
 
 def align_hand(hand: RiggedHand, source: SourceRig, fits_shape: bool) -> RestAlignment:

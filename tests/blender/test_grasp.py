@@ -22,7 +22,7 @@ from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pads import pads_keys
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
-from livehand.livehand_blender.ui.grasping import LIVEHAND_OT_grasp_frames
+from livehand.livehand_blender.ui.posing import LIVEHAND_OT_grasp_frames
 
 # Of a ball in front of a right hand's palm, in the hand's own space.
 TILT_RAD = 0.25  # of hands in prayer: straight fingers stand back from the palms' heels

@@ -10,6 +10,7 @@ from livehand.backend.rigs.joint_guess import guess_joints
 from livehand.livehand_blender.motion.keying import sample_motion
 from livehand.livehand_blender.motion.taking import sample_take
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
+from livehand.livehand_blender.rigs.aimed_bones import with_twists
 from livehand.livehand_blender.rigs.bake import bake
 from livehand.livehand_blender.rigs.sending import send
 from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
@@ -44,7 +45,7 @@ def forget(hand):
 def test_a_motion_comes_back_from_a_rig(other_rigs, rigify_file, model, curves_of, record_property, kind):
     rig, found, ours, arm = rig_and_hand(kind, model, other_rigs, rigify_file)
     assert found.missing == ()
-    source = SourceRig.with_twists(rig, found)
+    source = SourceRig(rig, with_twists(rig, found))
     before = sample_motion(bpy.context, ours, FRAMES)
     sent = send(bpy.context, sample_take(bpy.context, [ours], FRAMES).hands[0], source, FRAMES, arm=arm)
     assert sent.doubt is None

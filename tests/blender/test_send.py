@@ -19,6 +19,7 @@ from livehand.livehand_blender.motion.taking import sample_take
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
+from livehand.livehand_blender.rigs.aimed_bones import with_twists
 from livehand.livehand_blender.rigs.bake import bake
 from livehand.livehand_blender.rigs.follow import follow
 from livehand.livehand_blender.rigs.sending import send
@@ -157,7 +158,7 @@ def test_it_comes_back_from_rigify(rigify_file, model, curves_of, kind, arm):
     bpy.ops.wm.open_mainfile(filepath=str(rigify_file))
     rig = bpy.data.objects[kind]
     found = guess_joints(read_skeleton(rig), model.side).joint_map()
-    source = SourceRig.with_twists(rig, found)
+    source = SourceRig(rig, with_twists(rig, found))
     firsts = [bone.removeprefix("DEF-") for bone in found.bones[1::3]]
     assert source.joint_map == replace(found, bones=replaced(found.bones, range(1, 16, 3), firsts))
     sent, before, after = sent_and_followed(within_reach(rig, found, model), source, arm=arm)

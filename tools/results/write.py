@@ -22,6 +22,7 @@ DATA = Path("docs/results/data")
 PAGES = (
     "README.md",
     "docs/use/install.md",
+    "docs/use/export.md",
     "docs/results/speed.md",
     "docs/results/quality.md",
     "docs/results/comparison.md",

@@ -11,9 +11,13 @@ import numpy as np
 
 from .skeleton import HandSkeleton
 
-_PALM = (0, 1, 5, 9, 13, 17)  # the wrist and the first joints of all fingers move as one
-_PHALANGES = [(4 * finger + k, 4 * finger + k + 1) for finger in range(5) for k in (1, 2, 3)]
-_PAIRS = np.array([*combinations(_PALM, 2), *_PHALANGES])
+PALM_PAIRS = tuple(combinations((0, 1, 5, 9, 13, 17), 2))
+"""Of the wrist and the first joints of all fingers, which move as one."""
+BONES = tuple((4 * finger + k, 4 * finger + k + 1) for finger in range(5) for k in (1, 2))
+"""From joint to joint."""
+TIP_BONES = tuple((4 * finger + 3, 4 * finger + 4) for finger in range(5))
+"""From the last joint to the tip."""
+_PAIRS = np.array([*PALM_PAIRS, *BONES, *TIP_BONES])
 _STEPS = 8
 _SHORTEST_M = 1e-9
 
