@@ -21,6 +21,7 @@ from ..backend.capture.masks.mask_command import COMMAND as MASK
 from ..backend.commands import export, export_splats
 from ..backend.commands import render_motion as render_poses
 from ..backend.commands.export import COMMAND as EXPORT
+from ..backend.commands.export_options import BLEND, POSES, RIG, RIG_FILE, check_options, check_source
 from ..backend.commands.extract_mesh.command import COMMAND as EXTRACT_MESH
 from ..backend.commands.inspect import COMMAND as INSPECT
 from ..backend.commands.inspect import report
@@ -89,6 +90,7 @@ def _inspect(args: argparse.Namespace) -> Mapping[str, Any]:
 def _export(args: argparse.Namespace) -> Mapping[str, Any]:
     """Export with Blender's importers and exporters where the source, the format or --rig needs them."""
     source, is_scene = args.source.suffix.lower(), args.source.suffix.lower() == ".blend"
+    check_source(args, BLEND if is_scene else RIG_FILE if source in RIG_SUFFIXES else POSES)
     is_blenders = args.output.suffix.lower() in export.BLENDER_SUFFIXES and not export_splats.is_wanted(args)
     needs = args.rig or is_scene or source in RIG_SUFFIXES or is_blenders
     return (
@@ -104,6 +106,7 @@ def _export_in_blender(is_scene: bool, is_rig: bool, args: argparse.Namespace) -
     read = export_sources.take_of_blend if is_scene else export_sources.take_of_rig if is_rig else export.take_of_file
     with _registered():
         if args.rig and not export_splats.is_wanted(args):
+            check_options(args, RIG)
             return export_sources.send_to_character(args, read(args))
         if is_scene and export_splats.is_wanted(args):
             return export_splats.run(args, _splat_frames)
@@ -117,9 +120,8 @@ def _splat_frames(args: argparse.Namespace) -> export_splats.Frames:
     from .render.frame_setup import lit_frames
     from .rigs.character_file import open_blend
 
-    for value, option in ((args.fps, "--fps"), (args.hand, "--hand"), (args.avatar, "--avatar")):
-        if value:
-            raise LiveHandError(f"{option} is of a file of poses, got a .blend, which has its own; leave it out")
+    if args.avatar:
+        raise LiveHandError("--avatar is of a file of poses, got a .blend, whose hands have their own; leave it out")
     open_blend(args.source)
     scene = bpy.context.scene
     frames = args.frames or range(scene.frame_start, scene.frame_end + 1)

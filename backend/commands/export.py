@@ -14,6 +14,7 @@ from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
 from ..system.command import Command, parse_count, warn
 from . import export_splats
+from .export_options import check_options
 
 if TYPE_CHECKING:
     from ..hand.model import HandModel
@@ -55,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"fbx, gltf, usd: whose skin the mesh wears: {', '.join(SKINS)} or a file (default: a plain mesh); splats "
         "of a file of poses: of whom",
     )
-    parser.add_argument("--texture-size", type=parse_count, default=2048, metavar="PX", help="of the skin's textures")
+    parser.add_argument("--texture-size", type=parse_count, metavar="PX", help="of the skin's textures (default: 2048)")
     export_splats.add_arguments(parser)
     parser.add_argument(
         "--rig",
@@ -63,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="key this character's own bones instead; the output is a .blend",
     )
     parser.add_argument("--bones", type=Path, metavar="JSON", help="--rig: which bone is which joint (default: guess)")
-    parser.add_argument("--arm", choices=("FK", "IK"), default="FK", help="--rig: the controls that move the wrist")
+    parser.add_argument("--arm", choices=("FK", "IK"), help="--rig: the controls that move the wrist (default: FK)")
 
 
 def run(
@@ -87,16 +88,14 @@ def run(
     if export_splats.is_wanted(args):
         return export_splats.run(args, lambda args: export_splats.frames_of_take(args, read(args)))
     writer = choose_writer(args.output, args.format, writers or WRITERS)
-    if args.from_mean and writer.name != "mano":
-        raise LiveHandError(f"--from-mean is of --format mano, got {writer.name}; leave it out")
-    if args.avatar and writer.name not in ("fbx", "gltf", "usd"):
-        raise LiveHandError(f"--avatar is of fbx, gltf and usd, which hold a mesh, got {writer.name}; leave it out")
-    if args.texture_size > _MOST_TEXTURE_PX:
-        raise LiveHandError(f"--texture-size must be at most {_MOST_TEXTURE_PX} px, got {args.texture_size}")
+    check_options(args, writer.name)
+    texture_px = args.texture_size or WriteOptions.texture_px
+    if texture_px > _MOST_TEXTURE_PX:
+        raise LiveHandError(f"--texture-size must be at most {_MOST_TEXTURE_PX} px, got {texture_px}")
     take = read(args)
     basis = find_basis(args.mano, args.hand) if args.from_mean else None
     avatars: dict[Side, Path] = {side: args.avatar for side in SIDES} if args.avatar else {}
-    options = WriteOptions(args.from_mean, basis, avatars, args.texture_size)
+    options = WriteOptions(args.from_mean, basis, avatars, texture_px)
     losses = writer.write(take, args.output, options)
     for loss in losses:
         warn(f"livehand export: {args.output.name}: {loss}")
@@ -121,8 +120,6 @@ def take_of_file(args: argparse.Namespace) -> Take:
     from ..hand.model_file import DEFAULT_HAND, load_hand_model
     from ..motion.files.open_files import open_motion_file
 
-    if args.frames:
-        raise LiveHandError("--frames are of a .blend, got a file of poses; leave --frames out")
     model = load_hand_model(args.hand or DEFAULT_HAND)
     file = open_motion_file(args.source)
     sides = [args.side] if args.side else list(file.sides)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..records.errors import LiveHandError
 from ..system.command import parse_count
+from .export_options import RIG, SPLATS, check_options
 
 if TYPE_CHECKING:
     from ..motion.writers.take import Take, TakenHand
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from ..render.splats.lit_hand import LitHand
     from ..system.child_job import JobProgress
 
-FORMAT = "splats"
+FORMAT = SPLATS
 
 Frames = Mapping[int, "Sequence[LitHand]"]
 """The hands of frames, by number."""
@@ -25,9 +26,12 @@ Frames = Mapping[int, "Sequence[LitHand]"]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of splats."""
-    parser.add_argument("--splats", type=parse_count, default=50_000, metavar="N", help="splats: about how many a hand")
-    parser.add_argument("--views", type=parse_count, default=48, metavar="N", help="splats: views they are fitted to")
-    parser.add_argument("--view-size", type=parse_count, default=512, metavar="PX", help="splats: of such a view")
+    for option, metavar, words in (
+        ("--splats", "N", "about how many a hand (default: 50000)"),
+        ("--views", "N", "views they are fitted to (default: 48)"),
+        ("--view-size", "PX", "of such a view (default: 512)"),
+    ):
+        parser.add_argument(option, type=parse_count, metavar=metavar, help=f"splats: {words}")
 
 
 def is_wanted(args: argparse.Namespace) -> bool:
@@ -49,11 +53,12 @@ def run(args: argparse.Namespace, frames: Callable[[argparse.Namespace], Frames]
     from ..render.splats.sequence import write_sequence
     from ..render.splats.splat_files import file_axes
 
-    for value, option in ((args.from_mean, "--from-mean"), (args.rig, "--rig")):
-        if value:
-            raise LiveHandError(f"{option} is of motion, got --format splats; leave it out")
+    if args.rig:
+        raise LiveHandError(f"{RIG} is of motion, got --format splats; leave it out")
+    check_options(args, FORMAT)
     file_axes(args.output)
-    options = SplatOptions(args.splats, args.views, args.view_size)
+    chosen = {"count": args.splats, "views": args.views, "size_px": args.view_size}
+    options = SplatOptions(**{name: value for name, value in chosen.items() if value is not None})
     written = write_sequence(frames(args), args.output, options, _show_progress)
     return {
         "output": [str(file) for file in written.files],

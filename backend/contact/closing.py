@@ -1,7 +1,8 @@
 """Bends the digits from a pose towards a fist until they touch: proximal joints stop first, the others go on.
 
 Steps are hardly longer than the free way (conservative advancement), so that no digit jumps through a thin thing.
-The thumb follows the fingers, and stops at them too.
+The thumb follows the fingers, and stops at them too. A finger's last joint bends with the one before it, as the tendon
+that bends both has it, and hardly farther.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ _MOST_STEPS = 40
 _OPENINGS = np.linspace(0, 1, 7)[1:]
 _SIDEWAYS_RAD = np.deg2rad([0.0, 12.0, -12.0])  # of a knuckle
 _SLIGHT_M = 0.0015  # depth of a digit that is pushed out rather than opened
+_LAST_SHARE, _LAST_SLACK_RAD = 2 / 3, np.deg2rad(10.0)  # of a finger's last joint, of the bend of the one before
+_HELD_M = 0.0005  # from the depth that is wanted: digits that are there already are not bent
 _NEAR_M = 0.006  # other digits that are farther away are not looked at
 _FINGERS, _THUMB = np.arange(5) < 4, np.arange(5) == 4
 
@@ -44,10 +47,18 @@ class Closer:
         self._points = [np.flatnonzero(hand.digit == digit) for digit in range(5)]
         self._bent = [(hand.joint[points] - 1) % 3 for points in self._points]
 
-    def closed(self, given: np.ndarray, moves: np.ndarray) -> Closing:
-        """Close the digits [5] that may move, from angles [15, 3] rad."""
-        fingers = self._closed(Closing(given, np.zeros(5, bool)), moves & _FINGERS, ~moves)
-        return self._closed(fingers, moves & _THUMB, ~_THUMB)
+    def closed(self, given: np.ndarray, moves: np.ndarray, press_m: float) -> Closing:
+        """Close the digits [5] that may move, from angles [15, 3] rad, but for those that press as they are to."""
+        held = moves & self._held(given, press_m)
+        bends = moves & ~held
+        fingers = self._closed(Closing(given, held), bends & _FINGERS, ~bends)
+        return self._closed(fingers, bends & _THUMB, ~_THUMB)
+
+    def _held(self, given: np.ndarray, press_m: float) -> np.ndarray:
+        """Tell which digits [5] press about as deep as is wanted."""
+        self._distances.move(self._hand.posed(given[None])[0])
+        nearest = self._distances.signed_m[self._distances.nearest(self._points)]
+        return np.abs(nearest + press_m) < _HELD_M
 
     def _closed(self, before: Closing, active: np.ndarray, obstacles: np.ndarray) -> Closing:
         """Close active digits [5] at once, on solids and on digits [5] that are obstacles."""
@@ -70,7 +81,7 @@ class Closer:
             step = np.maximum(_STRIDE * free_m / np.maximum(_rates(self._hand, start, goal, lead), 1e-6), _LEAST_STEP)
             step = np.where(active & ~hits, np.minimum(step, 1 - share), 0)
             share += step
-            angles = _advanced(angles, start, goal, lead, step)
+            angles = _with_last_joints(_advanced(angles, start, goal, lead, step), start)
             active &= (share < 1 - 1e-9) | hits
         return Closing(angles, touches)
 
@@ -133,6 +144,14 @@ def _fist(start: np.ndarray) -> np.ndarray:
     goal = start.copy()
     goal[:, 0] = np.maximum(start[:, 0], np.deg2rad(GESTURES["fist"].angles_deg()[:, 0]))
     return goal
+
+
+def _with_last_joints(angles: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Return angles [15, 3] rad whose fingers' last joints are bent at most as those before them allow, or as given."""
+    flexion, most = angles[:12, 0].reshape(4, 3), start[2:12:3, 0]
+    angles = angles.copy()
+    angles[2:12:3, 0] = np.minimum(flexion[:, 2], np.maximum(_LAST_SHARE * flexion[:, 1] + _LAST_SLACK_RAD, most))
+    return angles
 
 
 def _rates(hand: ContactHand, start: np.ndarray, goal: np.ndarray, lead: np.ndarray) -> np.ndarray:

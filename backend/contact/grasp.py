@@ -158,7 +158,7 @@ class Grasper:
         hand = self._hand
         moves = np.array([finger in options.fingers for finger in MANO_FINGERS])
         distances = PointDistances(hand, solids)
-        closing = Closer(hand, distances, self._own).closed(given, moves)
+        closing = Closer(hand, distances, self._own).closed(given, moves, options.press_m)
         settler = Settler(hand, distances, self._own)
         touches = closing.touches & moves
         angles = np.where(np.repeat(touches | ~moves, 3)[:, None], closing.angles, given)

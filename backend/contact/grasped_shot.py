@@ -17,6 +17,7 @@ from .placed_solids import PlacedSolid
 
 _EASE_FRAMES = 10
 _SMOOTH_FRAMES = 2.0
+_CLOSING_SHARE = 0.7  # of the work
 _LEAST_RUN = 5  # frames; shorter touches are filled or left out
 
 
@@ -25,7 +26,7 @@ def grasped_shot(
     poses: Sequence[HandPose],
     things: Sequence[Sequence[PlacedSolid]],
     options: GraspOptions,
-    report: Callable[[int], None] = lambda done: None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> list[Grasp]:
     """Close a hand on things in T frames.
 
@@ -34,7 +35,7 @@ def grasped_shot(
         poses: the animator's, all of one side.
         things: of each frame, in the hand's own space.
         options: how; the wrist is never moved.
-        report: called with the number of frames that were grasped so far.
+        report: called after every frame with the share of the work that is done; it may raise anything to end it.
 
     Raises:
         LiveHandError: no frame reaches anything, or the palm is inside a thing.
@@ -50,16 +51,17 @@ def grasped_shot(
         if grasp is not None:
             changes[frame] = grasper.angles(grasp.pose) - given[frame]
             touches[frame] = grasper.touching_digits(grasp)
-        report(frame + 1)
+        report(_CLOSING_SHARE * (frame + 1) / len(poses))
     if not touches.any():
         raise LiveHandError("a finger must reach the object in some frame, none does; bring the hand nearer")
     touches = _steady(touches)
     wanted = given + _eased(changes, touches)
-    settled = [
-        grasper.settled(pose, row, angles, touching, options)
-        for pose, row, angles, touching in zip(poses, things, wanted, touches, strict=True)
-    ]
-    return [grasper.measured(pose, row) for pose, row in zip(settled, things, strict=True)]
+    found = []
+    for frame, (pose, row) in enumerate(zip(poses, things, strict=True)):
+        settled = grasper.settled(pose, row, wanted[frame], touches[frame], options)
+        found.append(grasper.measured(settled, row))
+        report(_CLOSING_SHARE + (1 - _CLOSING_SHARE) * (frame + 1) / len(poses))
+    return found
 
 
 def _grasp(

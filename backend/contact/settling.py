@@ -1,11 +1,12 @@
 """Moves the joints a little, so that digits which touch press lightly and nothing passes through anything.
 
 Levenberg-Marquardt steps on the gaps, in which the joints' limits are bounds and the pose is held back to where it was.
+Where that leaves gaps, it is held back less from there on: so a hand that has settled settles where it is.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +23,8 @@ _EASE_RAD = np.deg2rad(np.array([*(10.0, 5.0, 10.0, 10.0) * 4, 10.0, 6.0, 6.0, 1
 _OWN_DEPTH_M = 0.0003  # flesh yields a little where digits touch
 _DIGIT = np.append(np.repeat(np.arange(4), 4), np.full(5, 4))  # of each free angle
 _SLOT = np.append(np.tile(np.arange(4), 4), np.arange(5))  # its number within its digit
+_REST_M = 0.00002  # gaps above which a hand is held back less
+_LOOSENESS, _LOOSE_PASSES = 20.0, 2
 _GOOD_M = 0.0003  # gaps are good that are nearer than this to what they should be
 _ENOUGH, _STUCK = 0.05, 0.01  # least decrease of the cost in a step, as a share, with good gaps and without
 
@@ -32,6 +35,7 @@ class Settling:
 
     Attributes:
         reference: [15, 3] rad, which it stays near.
+        looseness: how far from it joints move as readily as others move by `_EASE_RAD`.
         presses: [5] digits that are to touch.
         press_m: how deep.
         low: [21] smallest free angles, rad.
@@ -45,6 +49,7 @@ class Settling:
     low: np.ndarray
     high: np.ndarray
     moves: np.ndarray
+    looseness: float = 1.0
 
 
 class Settler:
@@ -58,6 +63,15 @@ class Settler:
 
     def settled(self, start: np.ndarray, wanted: Settling) -> np.ndarray:
         """Move angles [15, 3] rad until the gaps are as wanted, or become no better."""
+        angles, rest_m = self._approached(start, wanted)
+        for _ in range(_LOOSE_PASSES):
+            if rest_m <= _REST_M:
+                break
+            angles, rest_m = self._approached(angles, replace(wanted, reference=angles, looseness=_LOOSENESS))
+        return angles
+
+    def _approached(self, start: np.ndarray, wanted: Settling) -> tuple[np.ndarray, float]:
+        """Move angles [15, 3] rad near a reference; the second is the largest gap that is left, m."""
         angles, damping = start, 1e-2
         rows = self._rows(angles, wanted)
         for _ in range(_STEPS):
@@ -68,11 +82,11 @@ class Settler:
                 if damping > 1e3:
                     break
                 continue
-            is_done = new.cost > (1 - (_ENOUGH if new.is_good else _STUCK)) * rows.cost
+            is_done = new.cost > (1 - (_ENOUGH if new.gap_m < _GOOD_M else _STUCK)) * rows.cost
             angles, rows, damping = tried, new, damping / 5
             if is_done:
                 break
-        return angles
+        return angles, rows.gap_m
 
     def gaps_m(self, angles: np.ndarray) -> np.ndarray:
         """Measure how far [5] the palmar sides of the digits are from solids in angles [15, 3] rad."""
@@ -98,11 +112,12 @@ class Settler:
         vertices = self._hand.posed(angles[None])[0]
         object_rows = self._object_rows(vertices, angles, wanted)
         own_rows = self._own_rows(vertices, angles)
-        offset = (angles - wanted.reference).ravel()[FREE] / _EASE_RAD
-        slopes = np.concatenate([object_rows[1], own_rows[1], np.diag(1 / _EASE_RAD)])
+        ease_rad = wanted.looseness * _EASE_RAD
+        offset = (angles - wanted.reference).ravel()[FREE] / ease_rad
+        slopes = np.concatenate([object_rows[1], own_rows[1], np.diag(1 / ease_rad)])
         gaps = np.concatenate([object_rows[0], own_rows[0]])
-        is_good = bool(np.abs(gaps).max(initial=0.0) * _SLACK_M < _GOOD_M)
-        return _GapRows(np.concatenate([gaps, offset]), slopes, is_good)
+        gap_m = float(np.abs(gaps).max(initial=0.0)) * _SLACK_M
+        return _GapRows(np.concatenate([gaps, offset]), slopes, gap_m)
 
     def _object_rows(self, vertices: np.ndarray, angles: np.ndarray, wanted: Settling) -> tuple[np.ndarray, np.ndarray]:
         distances = self._distances
@@ -132,7 +147,7 @@ class Settler:
 class _GapRows:
     residual: np.ndarray
     slope: np.ndarray
-    is_good: bool
+    gap_m: float
 
     @property
     def cost(self) -> float:

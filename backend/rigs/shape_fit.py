@@ -7,18 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..hand.model import MIRROR_POINT, HandModel
+from ..motion.landmarks.bone_lengths import BONES, PALM_PAIRS, TIP_BONES
 from ..motion.landmarks.skeleton import HandSkeleton
 
-# The 21 nodes are the wrist, and three joints and the tip of each finger, in MANO's order.
-# Pairs of nodes at a fixed distance: the fingers' bones, all pairs in the palm, which includes the thumb's root, and
-# the bones to the tips. Where a rig's tips are differs, so they count little.
-_PALM = (0, 1, 5, 9, 13, 17)
-_BONES = [(4 * finger + k, 4 * finger + k + 1) for finger in range(5) for k in (1, 2)]
-_TIP_BONES = [(4 * finger + 3, 4 * finger + 4) for finger in range(5)]
-_PALM_PAIRS = [(a, b) for row, a in enumerate(_PALM) for b in _PALM[row + 1 :]]
-_PAIRS = np.array([*_BONES, *_PALM_PAIRS, *_TIP_BONES])
+# Pairs of the 21 nodes at a fixed distance. Where a rig's tips are differs, so they count little.
+_PAIRS = np.array([*BONES, *PALM_PAIRS, *TIP_BONES])
 _TIP_WEIGHT = 0.3
-_WEIGHTS = np.r_[np.ones(len(_BONES) + len(_PALM_PAIRS)), np.full(len(_TIP_BONES), _TIP_WEIGHT)]
+_WEIGHTS = np.r_[np.ones(len(BONES) + len(PALM_PAIRS)), np.full(len(TIP_BONES), _TIP_WEIGHT)]
 # One unit of beta costs as much as an error of this share of the mean length. The first with which no beta is unnatural
 # is taken: little for a hand of the model's shapes, more for one that is unlike any of them.
 _PRIORS = (0.004, 0.01, 0.02, 0.04, 0.07, 0.12, 0.2)

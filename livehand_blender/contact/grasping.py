@@ -7,6 +7,7 @@ frames.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import bpy
 import numpy as np
@@ -15,7 +16,10 @@ from ...backend.contact.grasp import Grasp, Grasper, GraspOptions
 from ...backend.contact.grasped_shot import grasped_shot
 from ...backend.contact.pads import flat_pads
 from ...backend.contact.placed_solids import PlacedSolid
+from ...backend.hand.model import HandModel
 from ...backend.records.errors import LiveHandError
+from ...backend.records.shot import HandPose
+from ...backend.system.child_job import JobProgress, Report
 from ..motion.frames import current_frame_restored
 from ..rig.hand import RiggedHand
 from ..rig.keyframes import key_values, keyframe_theta
@@ -63,37 +67,31 @@ def clasp_now(
     return found
 
 
-def grasp_frames(
-    context: bpy.types.Context,
-    hand: RiggedHand,
-    targets: Targets,
-    frames: Sequence[int],
-    options: GraspOptions,
-    flattens: bool,
-    report: Callable[[int], None] = lambda done: None,
-) -> list[Grasp]:
-    """Close a hand on things in frames of the scene, and key its fingers there.
+class ShotToGrasp(NamedTuple):
+    """A hand's poses in T frames, and the things in its own space in each of them."""
+
+    poses: list[HandPose]
+    things: list[list[PlacedSolid]]
+
+
+class GraspedFrames(NamedTuple):
+    """The grasps of T frames, and how their unposed skin is flattened, [T, V, 3] m; None: it is not."""
+
+    grasps: list[Grasp]
+    rest_offsets: np.ndarray | None
+
+
+class GraspStopped(Exception):
+    """The caller's `should_stop` returned True."""
+
+
+def read_frames(context: bpy.types.Context, hand: RiggedHand, targets: Targets, frames: Sequence[int]) -> ShotToGrasp:
+    """Read a hand's poses and the things around it in frames of the scene.
 
     Raises:
-        LiveHandError: as `grasped_shot`, or the hand's shape changes; nothing is changed then.
+        LiveHandError: the hand is linked, its shape changes, or a thing has no faces.
     """
-    poses, things = _sampled(context, hand, targets, frames)
-    if any(not np.array_equal(pose.beta, poses[0].beta) for pose in poses):
-        raise LiveHandError(f"{hand.armature.name} must keep its shape over the frames; remove the shape's keys")
-    found = grasped_shot(Grasper(hand.model, poses[0].beta), poses, things, options, report)
     _check_editable(hand)
-    keyframe_theta(hand, np.stack([one.pose.theta for one in found]), frames, range(1, 16))
-    clear_pads(hand.mesh)
-    if flattens:
-        pads = [flat_pads(hand.model, one.pose, row) for one, row in zip(found, things, strict=True)]
-        set_pads(hand.mesh, np.stack([one.rest_offsets for one in pads]), frames)
-    return found
-
-
-def _sampled(
-    context: bpy.types.Context, hand: RiggedHand, targets: Targets, frames: Sequence[int]
-) -> tuple[list, list[list[PlacedSolid]]]:
-    """Read a hand's poses and the things around it in frames of the scene."""
     poses, things = [], []
     with current_frame_restored(context.scene):
         for frame in frames:
@@ -101,7 +99,46 @@ def _sampled(
             depsgraph = context.evaluated_depsgraph_get()
             poses.append(read_pose(hand, depsgraph))
             things.append(targets.placed(hand, depsgraph))
-    return poses, things
+    if any(not np.array_equal(pose.beta, poses[0].beta) for pose in poses):
+        raise LiveHandError(f"{hand.armature.name} must keep its shape over the frames; remove the shape's keys")
+    return ShotToGrasp(poses, things)
+
+
+def grasped_frames(
+    model: HandModel,
+    shot: ShotToGrasp,
+    options: GraspOptions,
+    flattens: bool,
+    report: Report = lambda progress: None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> GraspedFrames:
+    """Close a hand on things over a shot; Blender's data is not touched.
+
+    Raises:
+        LiveHandError: as `grasped_shot`.
+        GraspStopped: `should_stop` returned True.
+    """
+
+    def tell(share: float) -> None:
+        if should_stop():
+            raise GraspStopped
+        report(JobProgress(f"{len(shot.poses)} frames", share))
+
+    tell(0.0)
+    found = grasped_shot(Grasper(model, shot.poses[0].beta), shot.poses, shot.things, options, tell)
+    if not flattens:
+        return GraspedFrames(found, None)
+    pads = [flat_pads(model, one.pose, row) for one, row in zip(found, shot.things, strict=True)]
+    return GraspedFrames(found, np.stack([one.rest_offsets for one in pads]))
+
+
+def key_grasps(hand: RiggedHand, found: GraspedFrames, frames: Sequence[int]) -> None:
+    """Key a hand's fingers and flattened pads in frames. Raises LiveHandError if it is linked."""
+    _check_editable(hand)
+    keyframe_theta(hand, np.stack([one.pose.theta for one in found.grasps]), frames, range(1, 16))
+    clear_pads(hand.mesh)
+    if found.rest_offsets is not None:
+        set_pads(hand.mesh, found.rest_offsets, frames)
 
 
 def _check_editable(hand: RiggedHand) -> None:

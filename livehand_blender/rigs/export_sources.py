@@ -31,9 +31,6 @@ def take_of_blend(args: argparse.Namespace) -> Take:
     from ..rig.hand import RiggedHand, find_hands
     from .character_file import open_blend
 
-    for value, option in ((args.fps, "--fps"), (args.hand, "--hand")):
-        if value:
-            raise LiveHandError(f"{option} is of a file of poses, got a .blend, which has its own; leave it out")
     open_blend(args.source)
     hands = [RiggedHand.of(armature) for armature in find_hands(bpy.context.scene)]
     chosen = [hand for hand in hands if args.side in (None, hand.side)]
@@ -107,9 +104,10 @@ def send_to_character(args: argparse.Namespace, take: Take) -> dict[str, Any]:
 def _send(args: argparse.Namespace, armature: bpy.types.Object, hand: TakenHand, fps: float) -> Sent:
     import bpy
 
+    from .aimed_bones import with_twists
     from .character_file import read_joint_map
     from .sending import send_at_rate
     from .source import SourceRig
 
-    rig = SourceRig(armature, read_joint_map(armature, hand.side, args.bones))
-    return send_at_rate(bpy.context, hand, rig, fps, bpy.context.scene.frame_start, arm=args.arm)
+    rig = SourceRig(armature, with_twists(armature, read_joint_map(armature, hand.side, args.bones)))
+    return send_at_rate(bpy.context, hand, rig, fps, bpy.context.scene.frame_start, arm=args.arm or "FK")

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
 from ...backend.records.errors import LiveHandError
+from ...backend.system.thread_job import ThreadJob
 from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik, move_targets_to_fingertips
-from ..rig.hand import RiggedHand, active_hand, hand_of_mesh
+from ..rig.hand import RiggedHand, active_hand, find_hands, hand_of_mesh
 from ..rig.keyframes import hand_channels, key_finger, key_hand
 from ..rig.pose import apply_sliders, mirror_pose
 from ..rig.selection import select_bones, selected_bones
 from ..rig.sliders import read_slider
+from .jobs import RunsJob
 from .mixins import FrameRange, OnHand, polled_hand, reports_errors
+
+if TYPE_CHECKING:  # contact needs packages that may be missing until an operator runs
+    from ...backend.contact.grasp import Grasp, GraspOptions
 
 FINGER_LABELS = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "pinky": "Little"}
 _FINGER_ITEMS = tuple(
@@ -203,12 +208,11 @@ class LIVEHAND_KS_hand(bpy.types.KeyingSetInfo):
             keying_set.paths.add(data, path, index=-1, group_method="NAMED", group_name=group)
 
 
-class LIVEHAND_OT_grasp(OnHand, FrameRange, bpy.types.Operator):
-    """Close the active hand on the other selected objects until it touches; its pose is kept as far as that allows."""
+class _Grasps(OnHand):
+    """Mixin of operators that close the active hand on the other selected objects."""
 
-    bl_idname = "livehand.grasp"
-    bl_label = "Grasp"
-    bl_options = {"REGISTER", "UNDO"}
+    layout: bpy.types.UILayout
+    report: Callable[[set[str], str], None]
 
     fingers: EnumProperty(name="Fingers", items=_MAY_MOVE_ITEMS, options={"ENUM_FLAG"}, default=set(FINGERS))
     press: FloatProperty(
@@ -227,39 +231,60 @@ class LIVEHAND_OT_grasp(OnHand, FrameRange, bpy.types.Operator):
         min=0.0,
         soft_max=60.0,
     )
+    flatten: BoolProperty(name="Flatten Pads", description="Flatten the skin where it presses", default=True)
+
+    def _draw(self, *names: str) -> None:
+        self.layout.use_property_split = True
+        self.layout.column().prop(self, "fingers")
+        for name in ("press", "reach", "flatten", *names):
+            self.layout.prop(self, name)
+
+    def _options(self, moves_wrist: bool = False) -> GraspOptions:
+        from ...backend.contact.grasp import GraspOptions
+
+        if not self.fingers:
+            raise LiveHandError("Fingers must be one or more, none is chosen; Shift-click the fingers that may move")
+        chosen = tuple(finger for finger in FINGERS if finger in self.fingers)
+        return GraspOptions(chosen, self.press / 1000, self.reach / 1000, moves_wrist)
+
+    def _tell(self, found: Sequence[Grasp], where: str = "") -> None:
+        inside = sorted({finger for one in found for finger in one.inside}, key=FINGERS.index)
+        if inside:
+            names, deepest_mm = ", ".join(FINGER_LABELS[one] for one in inside), 1000 * max(g.deepest_m for g in found)
+            self.report({"WARNING"}, f"Up to {deepest_mm:.1f} mm stay inside: {names}; move the hand, and grasp again")
+            return
+        touching = [finger for finger in FINGERS if any(finger in one.touches for one in found)]
+        self.report({"INFO"}, f"Touching{where}: {', '.join(FINGER_LABELS[finger] for finger in touching)}")
+
+
+class LIVEHAND_OT_grasp(_Grasps, bpy.types.Operator):
+    """Close the active hand on the other selected objects until it touches; its pose is kept as far as that allows."""
+
+    bl_idname = "livehand.grasp"
+    bl_label = "Grasp"
+    bl_options = {"REGISTER", "UNDO"}
+
     move_wrist: BoolProperty(
         name="Move Wrist", description="Move a hand whose palm is inside the object out of it", default=False
     )
-    flatten: BoolProperty(name="Flatten Pads", description="Flatten the skin where it presses", default=True)
     both_hands: BoolProperty(
         name="Both Hands", description="If the object is another hand, close that on this one too", default=True
     )
-    use_range: BoolProperty(name="Key Frames", description="Grasp in each frame of a range, and key it", default=False)
 
     def draw(self, context):
-        """Draw the settings, and the frames if they are keyed."""
-        layout = self.layout
-        layout.use_property_split = True
-        layout.column().prop(self, "fingers")
-        for name in ("press", "reach", "move_wrist", "flatten", "both_hands", "use_range"):
-            layout.prop(self, name)
-        if self.use_range:
-            FrameRange.draw(self, context)
+        """Draw the settings."""
+        self._draw("move_wrist", "both_hands")
 
     @reports_errors
     def execute(self, context):
         """Grasp, and say what touches."""
-        from ..contact.grasping import clasp_now, grasp_frames, grasp_now
+        from ..contact.grasping import clasp_now, grasp_now
         from ..contact.targets import Targets, selected_targets
 
-        hand, options = RiggedHand.active(context), self._options()
+        hand, options = RiggedHand.active(context), self._options(self.move_wrist)
         objects = selected_targets(context, hand)
         other = hand_of_mesh(objects[0]) if len(objects) == 1 else None
-        if self.use_range:
-            frames = list(self.frames(context.scene))
-            found = grasp_frames(context, hand, Targets(objects), frames, options, self.flatten)
-            moved = []
-        elif other is not None and self.both_hands:
+        if other is not None and self.both_hands:
             moved = [hand, RiggedHand.of(other)]
             found = clasp_now(context, (moved[0], moved[1]), options, self.flatten)
         else:
@@ -267,25 +292,48 @@ class LIVEHAND_OT_grasp(OnHand, FrameRange, bpy.types.Operator):
         if context.scene.tool_settings.use_keyframe_insert_auto:
             for one in moved:
                 key_hand(one, context.scene.frame_current)
-        self._report(found)
+        self._tell(found)
 
-    def _options(self):
-        from ...backend.contact.grasp import GraspOptions
 
-        if not self.fingers:
-            raise LiveHandError("Fingers must be one or more, none is chosen; Shift-click the fingers that may move")
-        chosen = tuple(finger for finger in FINGERS if finger in self.fingers)
-        return GraspOptions(chosen, self.press / 1000, self.reach / 1000, self.move_wrist)
+class LIVEHAND_OT_grasp_frames(_Grasps, RunsJob, FrameRange, bpy.types.Operator):
+    """Close the active hand on the other selected objects in each frame of a range, and key its fingers."""
 
-    def _report(self, found) -> None:
-        inside = sorted({finger for one in found for finger in one.inside}, key=FINGERS.index)
-        if inside:
-            names, deepest_mm = ", ".join(FINGER_LABELS[one] for one in inside), 1000 * max(g.deepest_m for g in found)
-            self.report({"WARNING"}, f"Up to {deepest_mm:.1f} mm stay inside: {names}; move the hand, and grasp again")
-            return
-        touching = [finger for finger in FINGERS if any(finger in one.touches for one in found)]
-        where = f" in {sum(bool(one.touches) for one in found)} frames" if self.use_range else ""
-        self.report({"INFO"}, f"Touching{where}: {', '.join(FINGER_LABELS[finger] for finger in touching)}")
+    bl_idname = "livehand.grasp_frames"
+    bl_label = "Grasp Frames"
+    bl_options = {"UNDO"}  # to adjust it afterwards would be to grasp all frames again
+
+    def invoke(self, context, event):
+        """Ask for the settings and the frames."""
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, context):
+        """Draw the settings and the frames."""
+        self._draw()
+        FrameRange.draw(self, context)
+
+    def start(self, context: bpy.types.Context) -> ThreadJob:
+        """Read hand and things in all frames first; then grasp beside Blender."""
+        from ..contact.grasping import grasped_frames, read_frames
+        from ..contact.targets import Targets, selected_targets
+
+        hand, options, flattens = RiggedHand.active(context), self._options(), self.flatten
+        frames = list(self.frames(context.scene))
+        shot = read_frames(context, hand, Targets(selected_targets(context, hand)), frames)
+        self._hand, self._frames, model = hand.armature.name_full, frames, hand.model
+        return ThreadJob(
+            "grasp", lambda report, should_stop: grasped_frames(model, shot, options, flattens, report, should_stop)
+        )
+
+    def take(self, context: bpy.types.Context, job: ThreadJob) -> None:
+        """Key the fingers, and say what touches."""
+        from ..contact.grasping import key_grasps
+
+        found = job.result()
+        armature = next((one for one in find_hands(context.scene) if one.name_full == self._hand), None)
+        if armature is None:
+            raise LiveHandError(f"{self._hand} must stay in the scene until it is keyed, it is gone; grasp again")
+        key_grasps(RiggedHand.of(armature), found, self._frames)
+        self._tell(found.grasps, f" in {sum(bool(one.touches) for one in found.grasps)} frames")
 
 
 CLASSES = (
@@ -297,6 +345,7 @@ CLASSES = (
     LIVEHAND_OT_apply_sliders,
     LIVEHAND_OT_key_hand,
     LIVEHAND_OT_grasp,
+    LIVEHAND_OT_grasp_frames,
     LIVEHAND_KS_hand,
 )
 

@@ -16,6 +16,7 @@ from ..motion.taking import sample_take
 from ..rig.follow_properties import tip_property
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.sliders import slider_path
+from ..rigs.aimed_bones import with_twists
 from ..rigs.bake import bake
 from ..rigs.follow import check_editable, follow, is_following, stop_following
 from ..rigs.sending import send
@@ -250,4 +251,5 @@ def _source(hand: RiggedHand) -> SourceRig:
     rig = hand.properties.other_rig
     bones = tuple(getattr(rig, joint) or None for joint in JOINT_NAMES)
     tips = tuple(getattr(rig, tip_property(finger)) or None for finger in MANO_FINGERS)
-    return SourceRig(rig.armature, JointMap(_side(hand.properties), bones, tips, rig.forearm or None))
+    joint_map = JointMap(_side(hand.properties), bones, tips, rig.forearm or None)
+    return SourceRig(rig.armature, with_twists(rig.armature, joint_map))

@@ -90,6 +90,26 @@ def test_a_wrong_character_is_refused(other_rigs, tmp_path, capsys, rig, output,
     assert not (tmp_path / output).exists()
 
 
+@pytest.mark.parametrize(
+    ("source", "more", "message"),
+    [
+        ("take.npz", ["-o", "out.fbx", "--texture-size", "64"], "--texture-size is of a skin, got none"),
+        ("take.npz", ["-o", "out.fbx", "--views", "20"], "--views is of splats"),
+        ("take.npz", ["-o", "out.blend", "--rig", "a.blend", "--format", "mano"], "--format is of files for other"),
+        ("take.npz", ["-o", "out.blend", "--rig", "a.blend", "--avatar", "light"], "--avatar is of fbx"),
+        ("shot.blend", ["-o", "out.csv", "--fps", "25"], "--fps is of a file of poses and a rig's file, got a .blend"),
+        ("shot.blend", ["-o", "out.csv", "--mano", "a.pkl"], "--mano is of a file of poses, got a .blend"),
+        ("rig.bvh", ["-o", "out.csv", "--frames", "1-2"], "--frames is of a .blend, got a rig's file"),
+    ],
+)
+def test_an_option_that_would_not_be_heeded_is_refused(tmp_path, capsys, source, more, message):
+    np.savez(tmp_path / "take.npz", theta=np.zeros((2, 16, 3)), fps=30.0, side="right")
+    words = [str(tmp_path / word) if word.startswith("out.") else word for word in more]
+    assert cli.main(["export", str(tmp_path / source), *words]) == 1
+    assert message in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["take.npz"]
+
+
 def test_the_operator_writes_the_chosen_format(model, tmp_path):
     hand = keyed(model)
     path = tmp_path / "take.npz"

@@ -1,21 +1,28 @@
 """*Grasp* in a scene: what it touches, keys, undoes and refuses, both hands alike."""
 
+from types import SimpleNamespace
+
 import bpy
 import mathutils
 import numpy as np
 import pytest
+from livehand.backend.contact.grasp import GraspOptions
 from livehand.backend.contact.solid import MeshSolid
 from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.poses import POSES
 from livehand.backend.records.camera import Camera
+from livehand.backend.records.errors import LiveHandError
+from livehand.livehand_blender.contact.grasping import GraspedFrames, GraspStopped, grasped_frames, read_frames
+from livehand.livehand_blender.contact.targets import Targets, selected_targets
 from livehand.livehand_blender.hands.shot import read_shot
 from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pads import pads_keys
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
+from livehand.livehand_blender.ui.posing import LIVEHAND_OT_grasp_frames
 
 # Of a ball in front of a right hand's palm, in the hand's own space.
 TILT_RAD = 0.25  # of hands in prayer: straight fingers stand back from the palms' heels
@@ -179,9 +186,8 @@ def test_one_undo_takes_a_grasp_back(hand):
     select(hand, ball)
     bpy.ops.ed.undo_push(message="Before")
     before = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
-    assert bpy.ops.livehand.grasp("EXEC_DEFAULT", True, use_range=True, use_scene_range=False, first=1, last=2) == {
-        "FINISHED"
-    }
+    frames = {"use_scene_range": False, "first": 1, "last": 2}
+    assert bpy.ops.livehand.grasp_frames("EXEC_DEFAULT", True, **frames) == {"FINISHED"}
     bpy.ops.ed.undo()
     hand = bpy.context.view_layer.objects.active
     np.testing.assert_allclose(read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta, before, atol=1e-7)
@@ -190,6 +196,34 @@ def test_one_undo_takes_a_grasp_back(hand):
     assert all(one.animation_data is None or one.animation_data.action is None for one in (hand, keys))
     bpy.ops.ed.redo()
     assert pads_keys(bpy.context.view_layer.objects.active.livehand.mesh.data.shape_keys)
+
+
+def test_frames_are_grasped_beside_blender_until_they_are_stopped(hand):
+    """What Esc does: the job ends at its next frame, and nothing has changed."""
+    select(hand, add_ball(posed(hand)))
+    rigged = RiggedHand.of(hand)
+    targets = Targets(selected_targets(bpy.context, rigged))
+    shot = read_frames(bpy.context, rigged, targets, range(1, 4))
+    told = []
+    found = grasped_frames(load_default_hand(), shot, GraspOptions(), False, told.append)
+    assert len(found.grasps) == 3
+    shares = [one.share for one in told]
+    assert shares[0] == 0
+    assert shares[-1] == pytest.approx(1)
+    assert shares == sorted(shares)
+    assert len(shares) == 7
+    heard = []
+    with pytest.raises(GraspStopped):
+        grasped_frames(load_default_hand(), shot, GraspOptions(), False, heard.append, lambda: len(heard) == 2)
+    assert len(heard) == 2
+    assert hand.animation_data is None or hand.animation_data.action is None
+
+
+def test_a_hand_that_is_gone_when_its_grasps_are_found_is_named(hand):
+    asked = SimpleNamespace(_hand="Gone", _frames=[1], report=lambda kind, text: None)
+    job = SimpleNamespace(result=lambda: GraspedFrames([], None))
+    with pytest.raises(LiveHandError, match="Gone must stay in the scene until it is keyed, it is gone"):
+        LIVEHAND_OT_grasp_frames.take(asked, bpy.context, job)
 
 
 @pytest.mark.slow
@@ -202,7 +236,7 @@ def test_a_range_is_keyed_and_the_fingers_follow_a_ball_that_wanders(hand, evalu
         ball.location.y += shift
         ball.keyframe_insert("location", frame=frame)
     select(hand, ball)
-    assert bpy.ops.livehand.grasp(use_range=True, use_scene_range=False, first=1, last=5) == {"FINISHED"}
+    assert bpy.ops.livehand.grasp_frames(use_scene_range=False, first=1, last=5) == {"FINISHED"}
     names = {curve.data_path.split('"')[1] for curve in curves_of(hand.animation_data.action)}
     assert len(names) == 15
     assert not any(name.startswith(("wrist", "forearm")) for name in names)

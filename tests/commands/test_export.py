@@ -54,9 +54,19 @@ def test_a_file_of_landmarks_is_fitted_and_written(take, tmp_path, capsys):
     [
         (["-o", "out.txt"], "suffix must be one of"),
         (["-o", "out.json", "--format", "mano"], r"must end in .npz"),
-        (["-o", "out.csv", "--from-mean"], "--from-mean is of --format mano"),
+        (["-o", "out.csv", "--from-mean"], "--from-mean is of mano, whose angles"),
         (["-o", "out.npz", "--format", "mano", "--from-mean"], "hands_mean"),
-        (["-o", "out.csv", "--frames", "1-2"], "--frames are of a .blend"),
+        (["-o", "out.csv", "--frames", "1-2"], "--frames is of a .blend, got a file of poses; leave it out"),
+        (["-o", "out.csv", "--splats", "5000"], "--splats is of splats, which alone consist of them, got csv"),
+        (["-o", "out.bvh", "--views", "48"], "--views is of splats, which are fitted to views, got bvh"),
+        (["-o", "out.bvh", "--view-size", "512"], "--view-size is of splats"),
+        (
+            ["-o", "out.csv", "--avatar", "light"],
+            "--avatar is of fbx, gltf, usd and splats, which show a skin, got csv",
+        ),
+        (["-o", "out.csv", "--texture-size", "64"], "--texture-size is of fbx, gltf and usd"),
+        (["-o", "out.npz", "--bones", "a.json"], "--bones is of --rig, which keys a character's bones, got livehand"),
+        (["-o", "out.npz", "--arm", "FK"], "--arm is of --rig"),
         (["-o", "out.csv", "--fps", "-3"], "fps must be a positive number"),
     ],
 )

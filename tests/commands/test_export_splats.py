@@ -63,7 +63,9 @@ def test_the_suffix_of_gltf_means_splats_where_the_format_says_so(tmp_path, caps
         (["-o", "out.csv", "--format", "splats"], r"must end in \.ply or \.glb"),
         (["-o", "out.ply", "--splats", "5"], "splats' count must lie in 1000 to 500000"),
         (["-o", "out.ply", "--views", "3"], "splats' views must lie in 12 to 400"),
-        (["-o", "out.ply", "--from-mean"], "--from-mean is of motion"),
+        (["-o", "out.ply", "--from-mean"], "--from-mean is of mano"),
+        (["-o", "out.ply", "--texture-size", "64"], "--texture-size is of fbx, gltf and usd.*, got splats"),
+        (["-o", "out.ply", "--arm", "IK"], "--arm is of --rig"),
         (["-o", "out.ply", "--rig", "a.blend"], "--rig is of motion"),
     ],
 )

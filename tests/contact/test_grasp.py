@@ -56,6 +56,21 @@ def check_grasp(hand, grasp, given, thing):
     np.testing.assert_array_equal(grasp.pose.transl, given.transl)
 
 
+def check_it_stays(hand, grasper, grasp, thing):
+    """A grasp of a hand that grasps changes nothing that anybody sees."""
+    again = grasper.grasp(grasp.pose, [thing], GraspOptions())
+    moved_m = np.linalg.norm(posed_vertices(hand, again.pose) - posed_vertices(hand, grasp.pose), axis=1)
+    assert moved_m.max() < 1e-4
+    turned = angles_of(again.pose.theta, AXES) - angles_of(grasp.pose.theta, AXES)
+    assert np.rad2deg(np.abs(turned)).max() < 0.1
+
+
+def check_last_joints(grasp, given):
+    """A finger's last joint is not bent by itself: that is a claw."""
+    was, flexion = (np.rad2deg(angles_of(pose.theta, AXES)[:12, 0]).reshape(4, 3) for pose in (given, grasp.pose))
+    assert (flexion[:, 2] < np.maximum(flexion[:, 1] * 2 / 3 + 10, was[:, 2]) + 15).all()
+
+
 def held(hand, number):
     return given_pose(HOLDS[number]), thing_of(placed_mesh(HOLDS[number], hand))
 
@@ -64,14 +79,19 @@ def held(hand, number):
 @pytest.mark.parametrize("number", [0, 12])
 def test_a_ball_and_a_handle_are_grasped(hand, grasper, number):
     given, thing = held(hand, number)
-    check_grasp(hand, grasper.grasp(given, [thing], GraspOptions()), given, thing)
+    grasp = grasper.grasp(given, [thing], GraspOptions())
+    check_grasp(hand, grasp, given, thing)
+    check_it_stays(hand, grasper, grasp, thing)
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("number", range(len(HOLDS)))
 def test_twenty_grasps_of_ten_things(hand, grasper, number):
     given, thing = held(hand, number)
-    check_grasp(hand, grasper.grasp(given, [thing], GraspOptions()), given, thing)
+    grasp = grasper.grasp(given, [thing], GraspOptions())
+    check_grasp(hand, grasp, given, thing)
+    check_it_stays(hand, grasper, grasp, thing)
+    check_last_joints(grasp, given)
 
 
 def test_a_finger_stops_where_it_meets_a_wall(hand, grasper):

@@ -347,6 +347,20 @@ def test_pressed_skin_is_paler_there_and_nowhere_else(renderer, shot):
     assert np.array_equal(renderer.render(shot).rgb, before.rgb)
 
 
+def test_a_pressed_fingertips_nail_is_paler(renderer, shot, hand):
+    """Seen from the back of the hand, where nothing is pressed: the nail alone."""
+    middle = shot.vertices[hand.lbs_weights[:, 3] > 0.5].mean(0)
+    is_pad = (hand.lbs_weights[:, 3] > 0.9) & (shot.vertices[:, 1] < middle[1] - 0.004)
+    place = look_at(middle + np.array([0, 0.2, 0]), middle, np.array([0.0, 0, 1]))
+    camera = Camera(np.array([[900.0, 0, 64], [0, 900, 64], [0, 0, 1]]), place, (128, 128))
+    shot = replace(shot, light=Light(sky=Sky(np.ones((4, 8, 3)))), camera=camera)
+    before, pressed = renderer.render(shot), renderer.render(replace(shot, pressed_m=np.where(is_pad, 0.001, 0.0)))
+    is_skin = before.alpha == 1
+    grown = pressed.rgb[is_skin] / before.rgb[is_skin]
+    assert 0.01 < (grown[:, 2] > 1.05).mean() < 0.5
+    assert np.median(grown[:, 2]) == pytest.approx(1, abs=1e-3)
+
+
 def test_what_is_no_pressing_is_refused(shot):
     count = len(shot.vertices)
     for pressed_m in (np.zeros(3), np.full(count, -1e-4), np.full(count, np.nan)):

@@ -17,12 +17,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from . import write
-from .collect import collect_avatars, collect_benchmark, collect_release
+from .collect import collect_avatars, collect_benchmark, collect_release, collect_round_trips
 from .write import BLOCK, DATA, PAGES, ROOT, TABLES, read_documents
 
 MOST = 0.05
 _COMMAND = re.compile(r"`livehand benchmark ([^`]*)`")
 _NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?")
+_MOST_LOST = {"bones": 1.0, "joints_deg": 0.1, "wrist_mm": 1.0, "keys": 1.0}
 _SAME_MACHINE = ("cpu", "threads", "numba", "avx512_vnni", "avx512_bf16", "amx")
 
 
@@ -141,11 +142,23 @@ def release(documents: Mapping[str, Any]) -> Outcome:
     return outcome
 
 
+def round_trips(documents: Mapping[str, Any]) -> Outcome:
+    """Compare what rigs lose of a motion; differences count as shares of what they may lose."""
+    outcome = Outcome()
+    both = documents["round_trips"]["rigs"], collect_round_trips()["rigs"]
+    shown, found = ({(one["rig"], one["side"]): one for one in rigs} for rigs in both)
+    for key, one in shown.items():
+        for name, scale in _MOST_LOST.items():
+            outcome.compare(f"{' '.join(key)} {name}", one[name], found.get(key, {}).get(name), scale)
+    return outcome
+
+
 PARTS: dict[str, Callable[[Mapping[str, Any]], Outcome]] = {
     "avatars": avatars,
     "release": release,
     "benchmark": benchmark,
     "idle": idle,
+    "round_trips": round_trips,
 }
 
 

@@ -3,6 +3,7 @@
     python -m livehand.tools.results.collect avatars                     # headers of the avatars that ship; seconds
     python -m livehand.tools.results.collect benchmark [OPTIONS]         # `livehand benchmark`; minutes
     python -m livehand.tools.results.collect release                     # the zips in dist/release; seconds
+    python -m livehand.tools.results.collect round_trips                 # a nightly test on twelve rigs; minutes
 
 OPTIONS are those of `livehand benchmark`. Each file says by which command it was made, when, and at which commit.
 """
@@ -14,22 +15,26 @@ import hashlib
 import json
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from ...backend.avatars.library import SKINS, shipped_avatar_path
 from .tables import SPLITS
 from .write import DATA, ROOT
 
+ROUND_TRIPS = "tests/blender/test_round_trips.py"
+
 
 def main() -> int:
     """Run the commands of one kind of figures and write their file; return the exit code."""
     parser = argparse.ArgumentParser(description="collect figures from LiveHand's own commands")
-    parser.add_argument("what", choices=("avatars", "benchmark", "release"))
+    parser.add_argument("what", choices=("avatars", "benchmark", "release", "round_trips"))
     args, options = parser.parse_known_args()
-    collectors = {"avatars": collect_avatars, "release": collect_release}
+    collectors = {"avatars": collect_avatars, "release": collect_release, "round_trips": collect_round_trips}
     document = collectors[args.what]() if args.what in collectors else collect_benchmark(options)
     path = ROOT / DATA / f"{args.what}.json"
     news = keep(document, path)
@@ -60,6 +65,47 @@ def collect_release() -> dict[str, Any]:
         for path in sorted((ROOT / "dist" / "release").rglob("*.zip"))
     }
     return {"source": source("`make release`"), "zips": zips}
+
+
+def collect_round_trips() -> dict[str, Any]:
+    """Run the test that sends a motion to twelve rigs and bakes it back, and keep what it recorded of each.
+
+    Raises:
+        CalledProcessError: a rig loses something; pytest has shown what.
+    """
+    begun = source(f"`pytest -m nightly {ROUND_TRIPS}`")
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.xml"
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-m",
+            "nightly",
+            ROUND_TRIPS,
+            "-o",
+            "junit_family=xunit1",
+            f"--junitxml={report}",
+        ]
+        subprocess.run(command, cwd=ROOT, check=True)
+        rigs = recorded_cases(report.read_text(encoding="utf-8"))
+    return {"source": begun, "rigs": rigs}
+
+
+def recorded_cases(report: str) -> list[dict[str, Any]]:
+    """Return the properties that each test of a JUnit report recorded."""
+    cases = ElementTree.fromstring(report).iter("testcase")
+    properties = ({one.attrib["name"]: one.attrib["value"] for one in case.iter("property")} for case in cases)
+    return [{name: number_of(value) for name, value in of.items()} for of in properties if of]
+
+
+def number_of(text: str) -> float | str:
+    """Return a text's number, to four decimals, or else the text."""
+    try:
+        return round(float(text), 4)
+    except ValueError:
+        return text
 
 
 def describe(header: Mapping[str, Any], path: Path) -> dict[str, Any]:

@@ -153,6 +153,30 @@ def contrast(avatars: Document) -> list[str]:
     return markdown(["band", *of], rows)
 
 
+def round_trips(document: Document) -> list[str]:
+    """Return what of a motion each rig loses that gets its keys and gives them back, the worse of both sides."""
+    rigs: dict[str, list[Document]] = {}
+    for case in document["rigs"]:
+        rigs.setdefault(case["rig"], []).append(case)
+    rows = [
+        [
+            name,
+            str(len(cases)),
+            most(cases, "bones", 0),
+            most(cases, "joints_deg", 4),
+            most(cases, "wrist_mm", 4),
+        ]
+        for name, cases in rigs.items()
+    ]
+    head = ["rig", "sides", "bones with keys", "joints, degrees", "wrist, mm"]
+    return markdown(head, rows) + origin(document["source"])
+
+
+def most(cases: Sequence[Document], name: str, decimals: int) -> str:
+    """Return the largest of a recorded figure as text."""
+    return f"{max(case[name] for case in cases):.{decimals}f}"
+
+
 SYSTEMS = {"windows_x64": "Windows", "macos_arm64": "macOS, Apple silicon", "linux_x64": "Linux"}
 
 

@@ -22,6 +22,7 @@ DATA = Path("docs/results/data")
 PAGES = (
     "README.md",
     "docs/use/install.md",
+    "docs/use/export.md",
     "docs/results/speed.md",
     "docs/results/quality.md",
     "docs/results/comparison.md",
@@ -40,6 +41,7 @@ TABLES: dict[str, Callable[[Documents], list[str]]] = {
     "splits": lambda of: tables.splits(of["avatars"]),
     "contrast": lambda of: tables.contrast(of["avatars"]),
     "zips": lambda of: tables.zips(of["release"]),
+    "round_trips": lambda of: tables.round_trips(of["round_trips"]),
     "summary": lambda of: tables.summary(of["views"], of["avatars"], of["benchmark"], of["idle"]),
 }
 

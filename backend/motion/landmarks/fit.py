@@ -5,7 +5,7 @@ and hard limits, and all frames share one shape. It alternates between the poses
 and the shape, by linear least squares. If the scale of the landmarks is unknown, it is removed first.
 
 Landmarks onto which the hand can be brought to a hundredth of a millimetre are no tracker's but a hand model's:
-natural poses say nothing then, and the pose is theirs.
+natural poses say nothing then, the shape is that of the bones' lengths, and the pose is theirs.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
 from ..motion import HandMotion, mirrored
 from .articulation import NaturalPoses, all_angles, within_limits
+from .bone_lengths import shape_of_lengths
 from .initial_pose import aligned_bones, aligned_palm
 from .skeleton import NODES_OF_LANDMARKS, HandSkeleton, PosedSkeleton, node_jacobian
 
@@ -33,6 +34,8 @@ _SCALES = (0.4, 2.5)
 _FARTHEST_M = 10.0  # from the wrist, that a tracker may err
 _FRAMES_FOR_EXACT = 12  # tried first
 _EXACT_RMS_M = 1e-5
+_EXACT_LENGTH_M = 1e-6  # standard deviation of their bones' lengths
+_MOST_BETA = 4.0
 _COLUMNS = np.concatenate([np.arange(6), 6 + FREE])
 
 
@@ -104,11 +107,11 @@ def fit_landmarks(
     scale = _scale(nodes, skeleton)
     _check_reach(nodes)
     some = nodes[:: max(1, len(nodes) // _FRAMES_FOR_EXACT)]
-    if _fit(some, skeleton, _EXACT)[2] < _EXACT_RMS_M:
-        noise = _EXACT
-    if not noise.fits_scale:
-        scale = 1.0
-    poses, beta, rms_m = _fit(_without_scale(nodes, scale), skeleton, noise)
+    scales = (1.0, scale) if noise.fits_scale else (1.0,)
+    exact = next((one for one in scales if _is_exact(_without_scale(some, one), skeleton)), None)
+    scale = exact or scales[-1]
+    fit = _exact_fit if exact else _fit
+    poses, beta, rms_m = fit(_without_scale(nodes, scale), skeleton, _EXACT if exact else noise)
     motion = _motion(poses, skeleton, beta, fps)
     return LandmarkFit(motion if side == "right" else mirrored(motion), scale, rms_m)
 
@@ -121,8 +124,28 @@ def _fit(nodes: np.ndarray, skeleton: HandSkeleton, noise: LandmarkNoise) -> tup
         poses = _refined(poses, nodes, skeleton, beta, natural, noise)
         beta = _fitted_beta(poses, nodes, skeleton, noise)
     poses = _refined(poses, nodes, skeleton, beta, natural, noise)
+    return poses, beta, _rms_m(poses, nodes, skeleton, beta)
+
+
+def _is_exact(nodes: np.ndarray, skeleton: HandSkeleton) -> bool:
+    """Tell whether nodes [T, 21, 3] m are those of the hand model itself, in a shape that people have."""
+    _, beta, rms_m = _exact_fit(nodes, skeleton, _EXACT)
+    return rms_m < _EXACT_RMS_M and bool(np.abs(beta).max() <= _MOST_BETA)
+
+
+def _exact_fit(nodes: np.ndarray, skeleton: HandSkeleton, noise: LandmarkNoise) -> tuple[_Poses, np.ndarray, float]:
+    """Fit as `_fit` does where the bones' lengths tell the shape."""
+    beta, natural = shape_of_lengths(nodes, skeleton, _EXACT_LENGTH_M), NaturalPoses.of_gestures()
+    poses = _initial_poses(nodes, skeleton, beta)
+    for _ in range(_ROUNDS):
+        poses = _refined(poses, nodes, skeleton, beta, natural, noise)
+    return poses, beta, _rms_m(poses, nodes, skeleton, beta)
+
+
+def _rms_m(poses: _Poses, nodes: np.ndarray, skeleton: HandSkeleton, beta: np.ndarray) -> float:
+    """Compute the root mean square distance of posed nodes from those wanted [T, 21, 3] m."""
     posed = skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), skeleton.offsets(beta))
-    return poses, beta, float(np.sqrt(((posed.nodes - nodes) ** 2).sum(-1).mean()))
+    return float(np.sqrt(((posed.nodes - nodes) ** 2).sum(-1).mean()))
 
 
 def side_errors(points: np.ndarray, model: HandModel) -> dict[Side, float]:

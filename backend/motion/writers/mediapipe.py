@@ -1,6 +1,6 @@
 """MediaPipe's 21 world landmarks as JSON, named as its holistic tracker names them; axes of a camera, metres.
 
-Points tell directions only: a motion that is read back is fitted to them, so that a straight finger's twist is lost.
+Points tell bones alone: a motion that is read back is fitted to them, so that a straight finger's twist is lost.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .take import Take
 from .writer import WriteOptions, Writer
 
 _DECIMALS_M = 7
-_LOSS = "landmarks are points: a straight finger's twist and the hand's shape are not in the file"
+_LOSS = "landmarks are points: how a straight finger twists is not in the file"
 
 
 def _write(take: Take, path: Path, options: WriteOptions) -> tuple[str, ...]:

@@ -9,8 +9,9 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_a
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, sample_angles_deg, theta_of
 from livehand.backend.hand.joint_limits import FREE, LIMITS
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model import MIRROR_POINT
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.poses import POSES
 from livehand.backend.motion.landmarks.articulation import (
     NaturalPoses,
     all_angles,
@@ -20,6 +21,8 @@ from livehand.backend.motion.landmarks.articulation import (
 from livehand.backend.motion.landmarks.fit import METRIC, LandmarkNoise, fit_landmarks, side_errors
 from livehand.backend.motion.landmarks.initial_pose import aligned_bones, aligned_palm
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton, node_jacobian
+from livehand.backend.motion.motion import HandMotion
+from livehand.backend.motion.writers.posed_joints import pose_joints
 from livehand.backend.records.errors import LiveHandError
 
 pytestmark = pytest.mark.slow
@@ -83,8 +86,9 @@ def test_gestures_without_noise_are_found_closely(hand):
 
 
 def test_uninformative_landmarks_give_the_mean_of_natural_poses(hand):
-    theta, beta, transl, _ = natural(2, seed=10)
-    fit = fit_landmarks(landmarks(theta, beta, transl), hand, "right", noise=LandmarkNoise(10.0, fits_scale=False))
+    theta, beta, transl, rng = natural(2, seed=10)
+    points = landmarks(theta, beta, transl) + rng.normal(size=(2, 21, 3)) * 1e-3
+    fit = fit_landmarks(points, hand, "right", noise=LandmarkNoise(10.0, fits_scale=False))
     mean = SKELETON.local_rotations(all_angles(NaturalPoses.of_gestures().mean[None]))[0]
     np.testing.assert_allclose(axis_angle_to_matrix(fit.motion.theta[:, 1:]), np.stack([mean, mean]), atol=1e-3)
     np.testing.assert_allclose(fit.motion.beta, 0, atol=1e-3)
@@ -105,14 +109,33 @@ def test_a_left_hand_is_the_mirror_of_a_right_one(hand):
 
 
 def test_a_scale_is_found_where_it_may_be(hand):
-    theta, _, transl, _ = natural(30, seed=3)
-    points = landmarks(theta, np.zeros(10), transl)
+    theta, _, transl, rng = natural(30, seed=3)
+    points = landmarks(theta, np.zeros(10), transl) + rng.normal(size=(30, 21, 3)) * 5e-4
     centre = points.mean(1, keepdims=True)
     large = fit_landmarks(centre + 1.2 * (points - centre), hand, "right")
     assert large.scale == pytest.approx(1.2, abs=0.04)
     assert angle_deg(large.motion.theta, theta)[:, 1:].mean() < 4
     fitted = landmarks(large.motion.theta, large.motion.beta, large.motion.transl)
     assert np.linalg.norm(fitted - points, axis=-1).mean() < 0.003
+
+
+@pytest.mark.parametrize(("side", "scale"), [("right", 1.0), ("left", 1.0), ("right", 1.15), ("left", 1.9)])
+@pytest.mark.parametrize("seed", range(3))
+def test_exact_points_of_any_shape_give_its_pose(hand, side, scale, seed):
+    """Shapes within two deviations; what is larger than any person is scaled first."""
+    rng, axes = np.random.default_rng(seed), FingerAxes.of_default_hand()
+    theta = np.array([theta_of(pose.gesture.angles_deg(), axes) for pose in list(POSES.values())[seed::3]])
+    theta[:, 0] = rng.normal(size=(len(theta), 3))
+    beta = rng.choice([-2.0, 2.0], 10) if seed == 0 else rng.uniform(-2, 2, 10)
+    theta = theta if side == "right" else theta * MIRROR_AXIS_ANGLE
+    sent = HandMotion(theta, beta, rng.normal(size=(len(theta), 3)) * 0.1, 30.0, side)
+    points = pose_joints(sent, hand.for_side(side), scale).landmarks.round(7)
+    fit = fit_landmarks(points, hand, side)
+    assert angle_deg(fit.motion.theta, theta).max() < 0.1
+    assert np.abs(fit.motion.beta).max() <= 4
+    if scale == 1:
+        assert fit.scale == 1
+        np.testing.assert_allclose(fit.motion.transl, sent.transl, atol=1e-4)
 
 
 def test_the_skeleton_is_the_skinned_hands():

@@ -87,11 +87,11 @@ def test_a_motion_comes_back(hand, tmp_path, name, side):
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_the_angles_of_exact_landmarks_come_back(hand, tmp_path, side):
-    """Of the mean shape, and what points tell: fingers that bend and spread, the thumb's base that twists."""
+    """Of any shape, and what points tell: fingers that bend and spread, the thumb's base that twists."""
     axes, mirror = FingerAxes.of_default_hand(), 1 if side == "right" else MIRROR_AXIS_ANGLE
     theta = np.array([theta_of(pose.gesture.angles_deg(), axes) for pose in POSES.values()]) * mirror
     theta[:, 0] = np.random.default_rng(1).normal(size=(len(theta), 3))
-    sent = HandMotion(theta, np.zeros(10), np.zeros((len(theta), 3)), FPS, side)
+    sent = HandMotion(theta, np.tile([2.0, -2.0], 5), np.zeros((len(theta), 3)), FPS, side)
     path, _ = written("mediapipe", Take((TakenHand(sent, hand),), FPS), tmp_path)
     file = open_motion_file(path)
     back = file.motion(hand)

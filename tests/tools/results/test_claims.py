@@ -150,6 +150,24 @@ def test_what_cannot_be_measured_fails_only_where_all_must_be(monkeypatch, capsy
     assert main(["release", "--strict"]) == 1
 
 
+def test_what_rigs_lose_counts_as_a_share_of_what_they_may_lose(monkeypatch):
+    rig = {
+        "rig": "A",
+        "side": "left",
+        "bones": 17.0,
+        "joints_deg": 0.001,
+        "forearm_deg": 0.0,
+        "wrist_mm": 0.1,
+        "keys": 6.0,
+    }
+    found = [rig | {"joints_deg": 0.003, "wrist_mm": 0.2}]
+    monkeypatch.setattr(claims, "collect_round_trips", lambda: {"rigs": found})
+    outcome = claims.round_trips({"round_trips": {"rigs": [rig]}})
+    assert outcome.compared == 4
+    (drift,) = outcome.drifts
+    assert drift == "A left wrist_mm: 0.1 is shown, 0.2 was found"
+
+
 def test_every_table_is_measured_again_or_listed_with_what_made_it():
     listed = list(by_hand(read_documents(ROOT / DATA)))
     assert any(line.startswith("views.psnr: `livehand evaluate`") for line in listed)

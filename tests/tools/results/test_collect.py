@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 from livehand.backend.avatars.library import shipped_avatar_path
-from livehand.tools.results.collect import describe, keep, run, trainings_of
+from livehand.tools.results.collect import describe, keep, recorded_cases, run, trainings_of
 
 PERSON = {"melanin": 0.42, "beta": [0.0, -1.0]}
 
@@ -57,3 +57,10 @@ def test_the_same_figures_of_another_day_change_no_file(tmp_path):
     assert json.loads(path.read_text())["source"] == {"date": "2026-11-28"}
     assert keep({"source": {"date": "2026-11-29"}, "people": {"light": 2}}, path)
     assert json.loads(path.read_text()) == {"source": {"date": "2026-11-29"}, "people": {"light": 2}}
+
+
+def test_what_tests_recorded_is_read_from_their_report():
+    report = """<testsuites><testsuite><testcase name="a"><properties>
+        <property name="rig" value="Rigify, FK"/><property name="joints_deg" value="0.012345"/>
+        </properties></testcase><testcase name="b"/></testsuite></testsuites>"""
+    assert recorded_cases(report) == [{"rig": "Rigify, FK", "joints_deg": 0.0123}]

@@ -163,6 +163,18 @@ def test_headers_without_contrast_are_left_out():
     assert tables.contrast({"people": {"light": avatar(), "deep": bare}})[0] == "| band | light |"
 
 
+def test_the_worse_side_of_a_rig_counts():
+    cases = [
+        {"rig": "A", "bones": 17.0, "joints_deg": 0.01, "wrist_mm": 0.5},
+        {"rig": "A", "bones": 17.0, "joints_deg": 0.02, "wrist_mm": 0.25},
+        {"rig": "B", "bones": 21.0, "joints_deg": 0.0, "wrist_mm": 0.0},
+    ]
+    assert tables.round_trips({"rigs": cases, "source": SOURCE})[2:4] == [
+        "| A | 2 | 17 | 0.0200 | 0.5000 |",
+        "| B | 1 | 21 | 0.0000 | 0.0000 |",
+    ]
+
+
 IDLE = {
     "tables": {
         "frames": {
