@@ -22,11 +22,11 @@ DATA = Path("docs/results/data")
 PAGES = (
     "README.md",
     "docs/use/install.md",
-    "docs/use/export.md",
     "docs/results/speed.md",
     "docs/results/quality.md",
     "docs/results/comparison.md",
     "docs/results/paper.md",
+    "docs/results/rigs.md",
 )
 BLOCK = re.compile(r"(<!-- table: ([\w.-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 OPENING = re.compile(r"<!-- table:")
