@@ -14,11 +14,11 @@ from ...records.light import Light
 from ...records.shot import Shot
 from ...render.renderer import Renderer
 from ...tracking.video import VideoFrame
-from .exposure import exposed
 from .film_look import Look
 from .film_texture import FilmTexture
 from .filmed_shots import FilmedShots
 from .overlay import over, smooth_gains
+from .shutter import exposed
 
 _MARGIN, _MARGIN_OF_PX = (
     0.06,
