@@ -13,7 +13,7 @@ from typing import Any
 import numba
 from llvmlite.binding import ModuleRef
 from numba.core import config
-from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.codegen import CPUCodegen, JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.core.options import DefaultOptions
@@ -93,7 +93,7 @@ class _PartLibrary(JITCodeLibrary):
     """
 
     def _optimize_functions(self, ll_module: ModuleRef) -> None:
-        ll_module.data_layout = self._codegen._data_layout  # as numba's own does
+        ll_module.data_layout = self._final_module.data_layout  # as numba's own does
 
     def _optimize_final_module(self) -> None:
         """Leave it to the kernels."""
@@ -108,7 +108,7 @@ class _PartLibrary(JITCodeLibrary):
         return 0
 
     @property
-    def codegen(self) -> _WithoutEnvironments:
+    def codegen(self) -> Any:
         """What numba tells of the part's environment, which machine code would have."""
         return _WithoutEnvironments(self._codegen)
 
@@ -116,7 +116,7 @@ class _PartLibrary(JITCodeLibrary):
 class _WithoutEnvironments:
     """A code generator for code that raises no errors and so needs no environment."""
 
-    def __init__(self, codegen: JITCPUCodegen):
+    def __init__(self, codegen: CPUCodegen):
         self._codegen = codegen
 
     def set_env(self, env_name: str, env: Any) -> None:

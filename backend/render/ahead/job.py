@@ -47,7 +47,8 @@ def _prepared(request: list[int] | None, report: Report) -> Mapping[str, Any]:
         is_ready = threading.Event()
         counting = threading.Thread(target=_count, args=(report, is_ready), name="livehand count", daemon=True)
         counting.start()
-        prepare_share(shipped_avatar_path(), *request, is_ready.set)
+        number, count = request
+        prepare_share(shipped_avatar_path(), number, count, is_ready.set)
         counting.join()
     return {"seconds": time.perf_counter() - began}
 

@@ -36,7 +36,8 @@ def test_a_process_counts_until_it_is_ready_and_then_says_so_while_it_goes_on(mo
     def prepare(path, number, count, on_first):
         assert goes_on.wait(10)
         on_first()
-        while said[-1].text != READY:
+        until = time.monotonic() + 10
+        while said[-1].text != READY and time.monotonic() < until:
             time.sleep(0.01)
         said.append("finished")
 
