@@ -66,7 +66,7 @@ def old_and_new_light(film_set: FilmSet) -> Draw:
     return draw
 
 
-def person_by_numbers(film_set: FilmSet, numbers: dict[str, float], seed: int) -> Draw:
+def person_by_numbers(film_set: FilmSet, numbers: dict[str, float | None], seed: int) -> Draw:
     """Make a person from numbers, without training, and turn their hand."""
     look = PersonLook.of(seed, numbers)
     avatar = new_person(load_default_hand(), look, "by numbers", lambda line: None)
@@ -158,8 +158,8 @@ def _run(*words: object) -> None:
     subprocess.run([str(word) for word in words], check=True)
 
 
-AGED = {"age": 68.0, "tone": 0.25, "veins": 0.7, "freckles": 0.6}
-YOUNG = {"age": 24.0, "tone": 0.75}
+AGED: dict[str, float | None] = {"age": 68.0, "tone": 0.25, "veins": 0.7, "freckles": 0.6}
+YOUNG: dict[str, float | None] = {"age": 24.0, "tone": 0.75}
 CUTS = (
     Cut("poses", "Pose a hand in Blender, get photoreal frames back", 20, poses),
     Cut("people", "Three people ship with it; none of them exists", 15, people),
