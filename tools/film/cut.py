@@ -16,7 +16,7 @@ Draw = Callable[[float], np.ndarray]
 """Draws the picture [H, W, 3] uint8 at a share of a cut's time, 0 to 1."""
 
 _BACKDROP_TOP, _BACKDROP_BOTTOM = np.array([58, 61, 66.0]), np.array([20, 21, 24.0])
-_CAPTION_PX, _MARGIN_PX = 24, 26
+_CAPTION, _MARGIN = 0.044, 0.048  # of the height
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,8 @@ def eased(share: float) -> float:
 def captioned(picture: np.ndarray, caption: str) -> np.ndarray:
     """Write a line below a picture [H, W, 3] uint8."""
     image = Image.fromarray(picture)
-    font, height = ImageFont.load_default(_CAPTION_PX), picture.shape[0]
-    draw = ImageDraw.Draw(image)
-    draw.text((_MARGIN_PX + 1, height - _MARGIN_PX + 1), caption, (0, 0, 0), font, "ls")
-    draw.text((_MARGIN_PX, height - _MARGIN_PX), caption, (240, 240, 236), font, "ls")
+    draw, height = ImageDraw.Draw(image), len(picture)
+    font, margin = ImageFont.load_default(_CAPTION * height), _MARGIN * height
+    draw.text((margin + 1, height - margin + 1), caption, (0, 0, 0), font, "ls")
+    draw.text((margin, height - margin), caption, (240, 240, 236), font, "ls")
     return np.asarray(image)

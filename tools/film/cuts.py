@@ -130,12 +130,12 @@ def still(film_set: FilmSet, shot: str) -> Draw:
 
 
 def re_enacted(film_set: FilmSet) -> Draw:
-    """Film one of our own hands, track it, and let two other people re-enact it, beside the film."""
+    """Film one of our own hands, track it, and let another person re-enact it, beside the film."""
     footage, shown = film_set.folder / "footage.mp4", film_set.folder / "re_enacted"
     if not footage.exists():
         _run(sys.executable, _EXAMPLES / "phone_video.py", "film", footage, film_set.folder / "footage.npz")
     if not any(shown.glob("*.png")):
-        _livehand("reenact", footage, "-o", shown, "--avatar", "middle", "deep", "--side-by-side")
+        _livehand("reenact", footage, "-o", shown, "--avatar", "deep", "--side-by-side")
     paths = sorted(shown.glob("*.png"))
     return lambda share: _letterboxed(film_set, Image.open(paths[min(int(share * len(paths)), len(paths) - 1)]))
 
@@ -179,5 +179,5 @@ CUTS = (
         partial(scene_frames, shot="grasp", turns_back=True),
     ),
     Cut("egg", "One F12: hand and arm are LiveHand's, the rest is Cycles'", 8, partial(still, shot="egg")),
-    Cut("re_enacted", "A film, tracked, and re-enacted by two other people", 20, re_enacted),
+    Cut("re_enacted", "A film, tracked, and re-enacted by another person", 20, re_enacted),
 )

@@ -15,6 +15,7 @@ from .cut import Cut, FilmSet, captioned
 from .cuts import CUTS
 
 _FADE_S = 0.4
+_PREVIEWED, _PREVIEW_PX, _PREVIEW_MS = 4, (640, 360), 900  # pictures of a cut
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -26,6 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     pictures = [_drawn(cut, film_set) for cut in cuts]
     count = sum(map(len, pictures))
     write_video(_faded(pictures, round(_FADE_S * args.rate)), args.output, np.arange(count) / args.rate, args.rate)
+    if args.preview:
+        _write_preview(pictures, args.preview)
     sys.stdout.write(f"{args.output}: {count / args.rate:.0f} s, {args.output.stat().st_size / 1e6:.1f} MB\n")
 
 
@@ -35,6 +38,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--folder", type=Path, help="keeps pictures (default: beside the film)")
     parser.add_argument("--width", type=int, default=960, help="px; 16:9 (default: 960)")
     parser.add_argument("--rate", type=float, default=24, help="pictures a second (default: 24)")
+    parser.add_argument(
+        "--preview", type=Path, metavar="FILE.webp", help="also a small moving picture of it, for README"
+    )
     parser.add_argument("--only", nargs="+", choices=[cut.name for cut in CUTS], help="these cuts")
     return parser
 
@@ -62,6 +68,13 @@ def _faded(cuts: list[list[Path]], fade: int) -> Iterator[np.ndarray]:
         for index, path in enumerate(paths):
             share = min(1.0, (index + 1) / (fade + 1), (len(paths) - index) / (fade + 1))
             yield (np.asarray(Image.open(path)) * share).round().astype(np.uint8)
+
+
+def _write_preview(cuts: list[list[Path]], path: Path) -> None:
+    """Show some pictures of each cut, small and for a second each."""
+    chosen = [paths[(2 * index + 1) * len(paths) // (2 * _PREVIEWED)] for paths in cuts for index in range(_PREVIEWED)]
+    first, *others = [Image.open(one).resize(_PREVIEW_PX, Image.Resampling.LANCZOS) for one in chosen]
+    first.save(path, save_all=True, append_images=others, duration=_PREVIEW_MS, loop=0, quality=60, method=6)
 
 
 if __name__ == "__main__":

@@ -47,6 +47,22 @@ def test_what_was_drawn_is_not_drawn_again(two_cuts, tmp_path, monkeypatch):
     assert drawn == [3 / 8]
 
 
+def test_a_preview_shows_four_pictures_of_each_cut(monkeypatch, tmp_path):
+    brighter = Cut(
+        "brighter", "", 2.0, lambda film_set: lambda share: np.full((90, 160, 3), round(240 * share), np.uint8)
+    )
+    monkeypatch.setattr(make, "CUTS", (brighter,))
+    preview = tmp_path / "film.webp"
+    make.main([str(tmp_path / "film.mp4"), "--width", "160", "--rate", "4", "--preview", str(preview)])
+    with Image.open(preview) as shown:
+        assert (shown.n_frames, shown.size) == (4, (640, 360))
+        levels = []
+        for index in range(4):
+            shown.seek(index)
+            levels.append(np.asarray(shown.convert("RGB")).mean())
+    np.testing.assert_allclose(levels, [30, 90, 150, 210], atol=4)
+
+
 def counting(drawn):
     def draw(share):
         drawn.append(share)
@@ -56,10 +72,10 @@ def counting(drawn):
 
 
 def test_a_caption_is_bright_and_stands_low_at_the_left():
-    picture = np.full((180, 320, 3), 90, np.uint8)
+    picture = np.full((540, 960, 3), 90, np.uint8)
     change = np.argwhere(np.abs(captioned(picture, "LiveHand").astype(int) - 90).max(-1) > 40)
-    assert change[:, 0].min() > 120
-    assert change[:, 1].max() < 200
+    assert change[:, 0].min() > 450
+    assert change[:, 1].max() < 400
     assert captioned(picture, "LiveHand").max() > 230
 
 
