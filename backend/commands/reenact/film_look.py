@@ -16,10 +16,10 @@ from ...records.light import Light
 from ...render.renderer import Renderer
 from ...render.studio_light import studio_light
 from ...tracking.video import VideoFrame
-from .exposure import hand_alone, path_px
 from .film_light import light_of, shaded_hand, sky_parts
 from .film_texture import FilmTexture, blur_of, grain_of
 from .filmed_shots import FilmedShots
+from .open_shutter import hand_alone, path_px
 from .overlay import colour_gain, over
 from .plate import clean_plate
 

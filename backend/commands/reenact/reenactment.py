@@ -14,10 +14,10 @@ from ...records.light import Light
 from ...records.shot import Shot
 from ...render.renderer import Renderer
 from ...tracking.video import VideoFrame
-from .exposure import exposed
 from .film_look import Look
 from .film_texture import FilmTexture
 from .filmed_shots import FilmedShots
+from .open_shutter import exposed
 from .overlay import over, smooth_gains
 
 _MARGIN, _MARGIN_OF_PX = (

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from livehand.backend.commands.reenact.exposure import exposed, path_px, sample_count
 from livehand.backend.commands.reenact.filmed_shots import FilmedShots
+from livehand.backend.commands.reenact.open_shutter import exposed, path_px, sample_count
 from livehand.backend.commands.reenact.overlay import colour_gain, faded, over, smooth_gains, wrist_fade
 from livehand.backend.commands.reenact.plate import clean_plate, filled
 from livehand.backend.hand.lbs import posed_vertices
