@@ -19,9 +19,10 @@ from ...tracking.video import VideoFrame
 from .film_light import light_of, shaded_hand, sky_parts
 from .film_texture import FilmTexture, blur_of, grain_of
 from .filmed_shots import FilmedShots
+from .open_shutter import hand_alone, path_px
 from .overlay import colour_gain, over
 from .plate import clean_plate
-from .shutter import hand_alone, path_px
+from .open_shutter import hand_alone, path_px
 
 _SAMPLES = 24  # frames that are measured
 _SAMPLE_WIDTH_PX = 320

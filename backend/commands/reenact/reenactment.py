@@ -17,8 +17,9 @@ from ...tracking.video import VideoFrame
 from .film_look import Look
 from .film_texture import FilmTexture
 from .filmed_shots import FilmedShots
+from .open_shutter import exposed
 from .overlay import over, smooth_gains
-from .shutter import exposed
+from .open_shutter import exposed
 
 _MARGIN, _MARGIN_OF_PX = (
     0.06,
