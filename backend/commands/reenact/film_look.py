@@ -22,7 +22,6 @@ from .filmed_shots import FilmedShots
 from .open_shutter import hand_alone, path_px
 from .overlay import colour_gain, over
 from .plate import clean_plate
-from .open_shutter import hand_alone, path_px
 
 _SAMPLES = 24  # frames that are measured
 _SAMPLE_WIDTH_PX = 320

@@ -19,7 +19,6 @@ from .film_texture import FilmTexture
 from .filmed_shots import FilmedShots
 from .open_shutter import exposed
 from .overlay import over, smooth_gains
-from .open_shutter import exposed
 
 _MARGIN, _MARGIN_OF_PX = (
     0.06,

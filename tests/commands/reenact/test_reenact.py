@@ -6,7 +6,6 @@ from livehand.backend.commands.reenact.filmed_shots import FilmedShots
 from livehand.backend.commands.reenact.open_shutter import exposed, path_px, sample_count
 from livehand.backend.commands.reenact.overlay import colour_gain, faded, over, smooth_gains, wrist_fade
 from livehand.backend.commands.reenact.plate import clean_plate, filled
-from livehand.backend.commands.reenact.open_shutter import exposed, path_px, sample_count
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.take_fit import FilmCamera, TakeFit
