@@ -83,13 +83,13 @@ def _is_lit(thing: bpy.types.Object) -> bool:
 def _named_lamp(thing: bpy.types.Object, matrix: np.ndarray, groups: set[str]) -> Lamp | None:
     """Read the lamp; None if it is scaled to 0. An error names it."""
     if np.linalg.norm(matrix[:3, :3], axis=0).min() < _SMALLEST_SCALE:
-        LOGGER.warning("Lamp '%s' is scaled to 0; it gives no light", thing.name)
+        LOGGER.warning("Light '%s' is scaled to 0; it gives none", thing.name)
         return None
     try:
         return _lamp(thing, matrix, groups)
     except LiveHandError as error:
         raise LiveHandError(
-            f"lamp '{thing.name}': {error}; look at its transform, its settings and their drivers"
+            f"light '{thing.name}': {error}; look at its transform, its settings and their drivers"
         ) from error
 
 
@@ -152,7 +152,7 @@ def _strength(thing: bpy.types.Object) -> np.ndarray:
         rgb = rgb * np.array(data.temperature_color)
     rgb = in_rec709(rgb * _emission(thing))
     if rgb.max() < 0:
-        LOGGER.warning("Lamp '%s' takes light away; the hand is lit without it", thing.name)
+        LOGGER.warning("Light '%s' takes light away; the hand is lit without it", thing.name)
     return np.maximum(rgb, 0.0)
 
 
@@ -165,7 +165,7 @@ def _emission(thing: bpy.types.Object) -> np.ndarray:
     node = output.inputs["Surface"].links[0].from_node
     if node.type == "EMISSION" and not any(one.is_linked for one in node.inputs):
         return np.array(node.inputs["Color"].default_value[:3]) * node.inputs["Strength"].default_value
-    LOGGER.warning("The nodes of lamp '%s' are not read: its light falls on the hand without them", thing.name)
+    LOGGER.warning("The nodes of light '%s' are not read: its light falls on the hand without them", thing.name)
     return np.ones(3)
 
 

@@ -233,7 +233,7 @@ def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[_Pair]) -> dict
     if not is_in_scene(depsgraph.scene):  # objects that emit may light it there
         for name in (name for name, light in lights.items() if light.is_dark):
             LOGGER.warning(
-                "No lamp and no world lights '%s': it is black. Add a lamp or Studio Lights, or set Light to "
+                "No light and no world lights '%s': it is black. Add a light or Studio Lights, or set Light to "
                 "Capture's Own",
                 name,
             )

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--side", choices=("right", "left"), help="which hand (default: the one with more bones)")
     parser.add_argument("--bones", type=Path, metavar="JSON", help="which bone is which joint (default: guess)")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor from the file's lengths to metres")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor from the file's lengths to meters")
     parser.add_argument("--overwrite", action="store_true", help="replace the files of a hand of that name")
     parser.add_argument("--no-look", action="store_true", help="write no .blend with the materials")
 

@@ -237,7 +237,7 @@ def test_nodes_of_a_lamp(patch, tmp_path):
 def test_a_lamp_that_takes_light_away_is_left_out_with_a_warning(patch, caplog):
     probe.add_lamp("POINT", -10, ASIDE)
     assert probe.light_now().lamps == ()
-    assert "Lamp 'Point' takes light away" in caplog.text
+    assert "Light 'Point' takes light away" in caplog.text
 
 
 @pytest.mark.parametrize("scale", [(0, 0, 0), (1, 0, 1), (1, 1, 0)])
@@ -247,7 +247,7 @@ def test_a_lamp_that_is_scaled_to_0_gives_no_light_and_is_named(patch, caplog, k
     probe.add_lamp("POINT", 5, ABOVE)
     (other,) = probe.light_now().lamps
     assert other.rgb.max() == pytest.approx(5)
-    assert f"Lamp '{lamp.name}' is scaled to 0; it gives no light" in caplog.text
+    assert f"Light '{lamp.name}' is scaled to 0; it gives none" in caplog.text
 
 
 @pytest.mark.parametrize("where", ["location", "scale", "energy", "color"])
@@ -259,7 +259,7 @@ def test_a_lamp_that_is_not_finite_is_named(patch, where):
         lamp.data.color = (1, float("nan"), 1)
     else:
         lamp.data.energy = float("inf")
-    with pytest.raises(LiveHandError, match=rf"lamp '{lamp.name}': .* must be .*finite.*; look at its transform"):
+    with pytest.raises(LiveHandError, match=rf"light '{lamp.name}': .* must be .*finite.*; look at its transform"):
         probe.light_now()
 
 

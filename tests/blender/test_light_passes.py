@@ -296,7 +296,7 @@ def test_a_hand_in_the_dark_is_told_of(lit_scene, shots, caplog):
     assert "lights" not in caplog.text
     bpy.data.objects.remove(bpy.data.objects["Sun"])
     shots(lit_scene)
-    assert f"No lamp and no world lights '{find_hands(lit_scene)[0].name}'" in caplog.text
+    assert f"No light and no world lights '{find_hands(lit_scene)[0].name}'" in caplog.text
 
 
 def test_maps_are_straight_means_of_the_hands_pixels():

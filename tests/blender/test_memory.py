@@ -12,7 +12,7 @@ def windowed(registered, monkeypatch):
 
     class App:
         background = False
-        handlers = bpy.app.handlers
+        handlers, version = bpy.app.handlers, bpy.app.version
 
     monkeypatch.setattr(memory.bpy, "app", App)
     memory.watch_renders()

@@ -41,7 +41,7 @@ class Escape(BaseException):
 
 def guard(folder):
     """From now on, what only a broken reader does raises `Escape`."""
-    root = str(folder.resolve())
+    root, sys.dont_write_bytecode = str(folder.resolve()), True
 
     def hook(event, arguments):
         if event.startswith(_STARTS):

@@ -73,7 +73,7 @@ def test_free_removes_everything(session):
 
 
 def test_a_missing_file_is_named(session, tmp_path):
-    with pytest.raises(LiveHandError, match=r"no file at .*gone\.npz"):
+    with pytest.raises(LiveHandError, match=r"no file at .*gone\.npz .*in the LiveHand tab of the 3D view's sidebar"):
         session.hand(tmp_path / "gone.npz")
 
 

@@ -131,7 +131,7 @@ def still(film_set: FilmSet, shot: str) -> Draw:
 
 def re_enacted(film_set: FilmSet) -> Draw:
     """Film one of our own hands, track it, and let another person re-enact it, beside the film."""
-    footage, shown = film_set.folder / "footage.mp4", film_set.folder / "re_enacted"
+    footage, shown = film_set.folder / "footage.mp4", film_set.folder / "re_enacted_frames"
     if not footage.exists():
         _run(sys.executable, _EXAMPLES / "phone_video.py", "film", footage, film_set.folder / "footage.npz")
     if not any(shown.glob("*.png")):
