@@ -32,7 +32,9 @@ def test_texts_have_blenders_words(path):
 
 
 def test_other_words_are_seen():
+    docstring = '"""Lamps."""\n'
     source = (
-        '"""Lamps."""\nlabel, name = "No lamp: hands are dark", "lamp"\ntext = f"{1} colour"\ngood = "Light\'s color"'
+        docstring
+        + 'label, name = "No lamp: hands are dark", "lamp"\ntext = f"{1} other colour"\ngood = "Light\'s color"'
     )
-    assert [text for _, text in texts_of(source) if WORDS.search(text)] == ["No lamp: hands are dark", " colour"]
+    assert [text for _, text in texts_of(source) if WORDS.search(text)] == ["No lamp: hands are dark", " other colour"]
