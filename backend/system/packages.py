@@ -22,7 +22,8 @@ class Requirement(NamedTuple):
 REQUIREMENTS = (
     Requirement("torch", "torch>=2.6,<2.14", 203),
     Requirement("safetensors", "safetensors>=0.4"),
-    Requirement("numba", "numba>=0.60", 82),  # rendering works without, many times slower on a CPU
+    # Kernels use what is numba's own, so newer ones are tried first. Without it a CPU renders many times slower.
+    Requirement("numba", "numba>=0.60,<0.69", 82),
     Requirement("jaxtyping", "jaxtyping>=0.2.34"),
     Requirement("trimesh", "trimesh>=4.4"),
     Requirement("xatlas", "xatlas>=0.0.9"),

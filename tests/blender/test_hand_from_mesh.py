@@ -279,6 +279,7 @@ def directions_of(model, poses):
     return np.array(found)
 
 
+@pytest.mark.nightly
 def test_the_trained_avatar_renders_in_blender(trained, files):
     folder, avatar_path = trained
     model = load_hand_model(files / "mine.npz")

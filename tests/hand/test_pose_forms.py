@@ -8,7 +8,7 @@ from livehand.backend.teacher.detailed_surface import detailed_surface
 from livehand.backend.teacher.frames import swap_distal, template_to_build
 from livehand.backend.teacher.rays import build_rays
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 MIDDLE_MCP = 4
 

@@ -197,6 +197,7 @@ def test_gains_of_the_cameras_come_back(read):
     assert off.mean() < 0.7 * np.abs(truth).mean()
 
 
+@pytest.mark.nightly
 def test_refit_shares_poses_and_brings_the_hand_back(truth, hand, read):
     """From poses that are some millimetres off, as fits to photographs are; all cameras move one hand."""
     shifts = np.random.default_rng(0).normal(0, 0.004, (2, 3))

@@ -38,6 +38,7 @@ def test_a_lamp_is_found_where_it_stands(base):
     np.testing.assert_allclose(strong.rgb, 2 * fit.strengths[-1] * found.rgb)
 
 
+@pytest.mark.nightly
 def test_a_sky_alone_has_no_lamp(base):
     up = sky_directions(16, 32)[..., 2:]
     tones = tones_in(base, Light(sky=Sky(np.repeat(0.25 + 0.2 * up.clip(0), 3, 2))))

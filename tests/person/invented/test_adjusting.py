@@ -32,7 +32,7 @@ def adjusted(avatar, **given):
     return adjusted_person(avatar, load_default_hand(), given, "other")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_light_person_with_a_deep_ones_tone_has_their_albedo(light):
     hand, deep = load_default_hand(), load_avatar(shipped_avatar_path("deep"))
     before, wanted, found = (

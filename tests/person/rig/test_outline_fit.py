@@ -63,6 +63,7 @@ def test_outlines_bring_hands_back(made_rig, exact):
     assert after < 3e-3
 
 
+@pytest.mark.nightly
 def test_a_moved_camera_is_turned_back_and_one_held_out_too(made_rig, exact):
     fit, outlines, targets = exact
     wrong = list(made_rig.cameras)

@@ -28,6 +28,7 @@ def targets_of(rig):
     return landmark_targets(rig.found(), RigCameras.of(rig.cameras))
 
 
+@pytest.mark.nightly
 def test_outlines_give_offsets_and_the_forearm_has_none(made_rig, swollen):
     fit, _, shown = swollen
     labels = made_rig.labels(shown.all_vertices.double().numpy())

@@ -43,7 +43,7 @@ def test_splats_lie_flat_below_the_surface(relaxed):
     assert red > green > blue
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_few_splats_show_frames_from_between(relaxed):
     told = []
     fitted = SplatFitter(SMALL, np.eye(3)).fitted(relaxed, told.append)
