@@ -18,6 +18,8 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.tests.contact.things import HOLDS, given_pose, placed_mesh
 
+pytestmark = pytest.mark.slow
+
 AXES = FingerAxes.of_default_hand()
 
 

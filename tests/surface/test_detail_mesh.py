@@ -31,6 +31,8 @@ from livehand.backend.surface.detail_mesh import (
 from livehand.backend.surface.detail_surface import load_detail_surface
 from livehand.backend.surface.edge_antialiasing import SPREAD, SurfaceBones
 
+pytestmark = pytest.mark.slow
+
 AT_REST = HandPose(np.zeros((16, 3)), np.zeros(10), np.zeros(3))
 SIZE, ONE = (48, 40), torch.tensor(1.0)
 

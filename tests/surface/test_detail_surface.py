@@ -24,6 +24,8 @@ from livehand.tools.builtin_hand import TEMPLATE
 from livehand.tools.builtin_hand.fine_offsets import fine_surface
 from scipy.spatial.transform import Rotation
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def shipped(hand):

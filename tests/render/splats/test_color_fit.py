@@ -10,6 +10,8 @@ from livehand.backend.render.splats.lit_views import LitView, directions
 from livehand.backend.render.splats.sequence import psnr_db
 from livehand.backend.render.splats.splat_raster import rasterised
 
+pytestmark = pytest.mark.slow
+
 COUNT = 200
 
 

@@ -15,6 +15,8 @@ from livehand.backend.render.splats.lit_hand import LitHand, SplatOptions
 from livehand.backend.render.splats.sequence import SplatFitter
 from scipy.spatial import KDTree
 
+pytestmark = pytest.mark.slow
+
 SMALL = SplatOptions(count=3000, views=12, size_px=128)
 
 
