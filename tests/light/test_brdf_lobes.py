@@ -20,6 +20,8 @@ from livehand.backend.light.brdf import (
     lobes_at,
 )
 
+pytestmark = pytest.mark.slow
+
 DIRECTIONS = 200000
 TABLE = torch.as_tensor(isotropic_lobes())
 CASES = [(alpha, cosine) for alpha in (0.09, 0.3025, 0.6) for cosine in (0.1, 0.3, 0.6, 0.95)]

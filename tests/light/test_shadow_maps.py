@@ -9,6 +9,8 @@ from livehand.backend.geometry.mesh import PosedMesh, posed_mesh
 from livehand.backend.light.shadow_maps import FAR, MAX_DEPTH_IN_M, ShadowViews
 from torch.nn.functional import normalize
 
+pytestmark = pytest.mark.slow
+
 NO_OCCLUDERS = torch.zeros(0, 3, 3)
 MAP_PX = 128
 TOWARDS = normalize(torch.tensor([[0.0, 0, 1], [1, 0, 0], [0.3, -0.5, 0.8], [-0.7, -0.6, -0.2]]), dim=-1)

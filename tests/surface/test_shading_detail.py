@@ -19,6 +19,8 @@ from livehand.backend.surface.edge_antialiasing import SurfaceBones
 from livehand.backend.surface.shading_detail import FOLD_LOG_ALBEDO, SHARPER, DetailPixels, detail_pixels, with_detail
 from torch.nn.functional import normalize
 
+pytestmark = pytest.mark.slow
+
 N, SIDE_M, SIZE = 64, 0.27, (24, 20)
 TEXEL_MM = ATLAS_MM / N
 ZERO = np.zeros((N, N), np.float32)
