@@ -63,9 +63,9 @@ def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:
     Raises:
         LiveHandError: the file or an array is missing or malformed, or a pickle holds anything but a MANO hand.
     """
-    if side != "left" and (is_builtin_hand(path) or Path(path) == builtin_hand_path()):
-        return load_default_hand()
     path = builtin_hand_path() if is_builtin_hand(path) else Path(path)
+    if side != "left" and path == builtin_hand_path():
+        return load_default_hand()
     return _read_model(path, side or ("left" if "left" in path.stem.lower() else "right"))
 
 

@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 from ... import api
 
 Draw = Callable[[float], np.ndarray]
-"""Draws the picture [H, W, 3] uint8 at a share of a cut's time, 0 to 1."""
+"""Draws the picture [H, W, 3] uint8 at a share of a cut's time, from 0 to below 1."""
 
 _BACKDROP_TOP, _BACKDROP_BOTTOM = np.array([58, 61, 66.0]), np.array([20, 21, 24.0])
 _CAPTION, _MARGIN = 0.044, 0.048  # of the height

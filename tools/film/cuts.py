@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from PIL import Image
@@ -39,9 +41,7 @@ def poses(film_set: FilmSet) -> Draw:
 def people(film_set: FilmSet) -> Draw:
     """Turn the hand of each person who ships, one after the other."""
     persons = [api.load_person(name) for name in PEOPLE]
-    return lambda share: _turned(
-        film_set, persons[min(int(share * len(persons)), len(persons) - 1)], share * len(persons) % 1
-    )
+    return lambda share: _turned(film_set, persons[int(share * len(persons))], share * len(persons) % 1)
 
 
 def circling_lamp(film_set: FilmSet) -> Draw:
@@ -114,18 +114,14 @@ def _sunset(share: float) -> api.Light:
 
 def scene_frames(film_set: FilmSet, shot: str, turns_back: bool) -> Draw:
     """Render an example by F12's road, and show its frames; at the end backwards."""
-    folder = film_set.folder / f"{shot}_frames"
-    _livehand("render", _EXAMPLES / f"{shot}.blend", "-o", folder, "--format", "png")
-    paths = sorted(folder.glob("*.png"))
+    paths = _rendered(film_set, shot)
     order = paths + paths[::-1] if turns_back else paths
-    return lambda share: film_set.fitted(Image.open(order[min(int(share * len(order)), len(order) - 1)]))
+    return lambda share: film_set.fitted(_opened(order, share))
 
 
 def still(film_set: FilmSet, shot: str) -> Draw:
     """Render one F12 of an example, and go nearer."""
-    folder = film_set.folder / f"{shot}_frames"
-    _livehand("render", _EXAMPLES / f"{shot}.blend", "-o", folder, "--format", "png")
-    picture = Image.open(next(iter(sorted(folder.glob("*.png")))))
+    picture = Image.open(_rendered(film_set, shot)[0])
     return lambda share: film_set.fitted(picture, 1 + 0.35 * eased(share))
 
 
@@ -134,10 +130,25 @@ def re_enacted(film_set: FilmSet) -> Draw:
     footage, shown = film_set.folder / "footage.mp4", film_set.folder / "re_enacted_frames"
     if not footage.exists():
         _run(sys.executable, _EXAMPLES / "phone_video.py", "film", footage, film_set.folder / "footage.npz")
-    if not any(shown.glob("*.png")):
-        _livehand("reenact", footage, "-o", shown, "--avatar", "deep", "--side-by-side")
+    if not shown.exists():
+        unfinished = shown.with_suffix(".part")
+        shutil.rmtree(unfinished, ignore_errors=True)
+        _livehand("reenact", footage, "-o", unfinished, "--avatar", "deep", "--side-by-side")
+        unfinished.rename(shown)
     paths = sorted(shown.glob("*.png"))
-    return lambda share: _letterboxed(film_set, Image.open(paths[min(int(share * len(paths)), len(paths) - 1)]))
+    return lambda share: _letterboxed(film_set, _opened(paths, share))
+
+
+def _rendered(film_set: FilmSet, shot: str) -> list[Path]:
+    """Render the frames of an example that are not there yet; returns all in order."""
+    folder = film_set.folder / f"{shot}_frames"
+    _livehand("render", _EXAMPLES / f"{shot}.blend", "-o", folder, "--format", "png")
+    return sorted(folder.glob("*.png"))
+
+
+def _opened(paths: Sequence[Path], share: float) -> Image.Image:
+    """Open the picture at a share of a row's time, below 1."""
+    return Image.open(paths[int(share * len(paths))])
 
 
 def _letterboxed(film_set: FilmSet, picture: Image.Image) -> np.ndarray:

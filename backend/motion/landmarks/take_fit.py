@@ -207,7 +207,6 @@ def _at_equal_steps(motion: HandMotion, fit_error: np.ndarray, times: np.ndarray
     nearest = np.where(np.abs(times[left] - wanted) < np.abs(times[right] - wanted), left, right)
     is_keyed = (times[right] - times[left] <= LONGEST_GAP_S) | (np.abs(times[nearest] - wanted) < 0.5 / motion.fps)
     moved = sampled_at(motion, wanted, times)
-    steady = replace(
-        moved, theta=smoothed(moved, _STEADY_S * motion.fps).theta
-    )  # its place stays, which the film shows
+    # The wrist's place stays: the film shows it.
+    steady = replace(moved, theta=smoothed(moved, _STEADY_S * motion.fps).theta)
     return TakeFit(steady, float(times[0]), is_keyed, np.where(is_keyed, fit_error[nearest], 1.0), rejected)
