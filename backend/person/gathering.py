@@ -17,6 +17,7 @@ from ..capture.masks.mask import load_opencv
 from ..geometry.tolerances import NEAR_M
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..surface.atlas_texels import AtlasTexels
+from ..system.parallel_map import parallel_map
 from .agreement import GatheredRatio, TexelSighting, agreed_ratio
 from .flow import bilinear, flow_between, nearest
 from .illumination import Illumination, encoded_colours, linear_colours
@@ -53,13 +54,14 @@ def gathered_ratio(
         with_flow: correct places by flow; harmful while the model's texture is not the person's and views differ much.
         on_picture: called after each.
     """
-    sightings = []
     usual_px_per_mm = float(np.median([_px_per_mm(picture) for picture in pictures]))
-    for picture in pictures:
+
+    def sighting_in(picture: HandPicture) -> TexelSighting:
         sighting = _sighting(model, texels, picture, lights[picture.scene], with_flow, usual_px_per_mm)
         known = sighting.log_ratio if ratio is None else sighting.log_ratio + ratio
-        sightings.append(sighting._replace(log_ratio=known.astype(np.float16)))
-        on_picture()
+        return sighting._replace(log_ratio=known.astype(np.float16))
+
+    sightings = parallel_map(sighting_in, pictures, on_picture)
     return agreed_ratio(sightings, np.zeros((len(texels.pixel), 3), np.float32) if ratio is None else ratio)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.hand_picture import HAND, HandPicture
 from ..records.light import Lamp, Light, Sky, sky_directions
+from ..system.parallel_map import parallel_map
 from .model import PersonModel
 
 _SKY_SIZE = 16, 32
@@ -199,7 +201,7 @@ def lit_pixels(
     model: PersonModel, pictures: Sequence[HandPicture], on_picture: Callable[[], None] = lambda: None
 ) -> LitPixels:
     """Render pictures of a scene, made small, in the light of every lobe."""
-    parts = tuple(SurePixels.of(model, picture) for picture in pictures)
+    parts = tuple(parallel_map(partial(SurePixels.of, model), pictures))
     sources = tuple(Light(sky=Sky(np.repeat(lobe[..., None], 3, 2))) for lobe in sky_lobes())
     diffuse, specular = _lit(model, parts, sources, on_picture)
     shown, uv = (np.concatenate([getattr(part, name) for part in parts]) for name in ("shown", "uv"))
@@ -240,10 +242,7 @@ def _lit(
     sources: Sequence[Light],
     on_picture: Callable[[], None] = lambda: None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    found = []
-    for part in parts:
-        found.append(part.lit(model, sources))
-        on_picture()
+    found = parallel_map(lambda part: part.lit(model, sources), parts, on_picture)
     diffuse, specular = (np.concatenate(values) for values in zip(*found, strict=True))
     return diffuse, specular
 

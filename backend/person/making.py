@@ -264,26 +264,26 @@ def lines_of_making(hand: PicturedHand, options: MakingOptions) -> int:
     """Count the lines that `person_of_pictures` logs."""
     scenes = len({picture.scene for picture in hand.pictures})
     refits = _refits(hand, options)
-    of_refits = 0 if hand.is_calibrated else sum(refits)
+    of_refits = 0 if hand.is_calibrated else sum(map(len, refits))
     return len(refits) * (scenes + 1) + of_refits + scenes + options.rounds
 
 
-def _refits(hand: PicturedHand, options: MakingOptions) -> tuple[int, ...]:
-    """Return how often poses are fitted in each early round."""
+def _refits(hand: PicturedHand, options: MakingOptions) -> tuple[_Refits, ...]:
+    """Return the fits of poses in each early round."""
     if not options.fits_poses:
-        return (0,)
+        return ((),)
     return _CALIBRATED_REFITS if hand.is_calibrated else _EARLY_REFITS
 
 
 def _early_round(
-    base: PersonModel, hand: PicturedHand, family: ToneFamily, options: MakingOptions, refits: int, log: Log
+    base: PersonModel, hand: PicturedHand, family: ToneFamily, options: MakingOptions, refits: _Refits, log: Log
 ) -> FittedRound:
     made = made_person(base, hand, family, options, log)
-    for _ in range(refits):
+    for longest_px in refits:
         if hand.is_calibrated:
             hand = fitted_to_skin(made.model, hand, made.lights)
             continue
-        refit = refitted(made.model, hand.pictures, made.lights, length_m=options.length_m)
+        refit = refitted(made.model, hand.pictures, made.lights, length_m=options.length_m, longest_px=longest_px)
         log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
         hand = replace(hand, pictures=refit.pictures)
     return FittedRound.of(hand, made.completed.numbers.melanin)
@@ -291,7 +291,9 @@ def _early_round(
 
 _EARLY = {"resolution": 512, "pictures": 16}
 _EARLY_LIGHT_PICTURES = 4
-_EARLY_REFITS, _CALIBRATED_REFITS = (2, 2), (1,)
+_Refits = tuple[int | None, ...]
+"""The longer side of the pictures, px, in each fit of poses; None: their own. Only the last needs what is fine."""
+_EARLY_REFITS, _CALIBRATED_REFITS = ((400, 400), (400, None)), ((None,),)
 _FIRST_MELANIN = 0.4
 
 

@@ -17,6 +17,7 @@ import torch
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from ..capture.masks.mask import load_opencv
 from ..hand.joint_axes import anatomical_axes
 from ..hand.joint_limits import FREE
 from ..hand.lbs import SkinTensors, pose_hand, posed_vertices
@@ -24,6 +25,7 @@ from ..hand.model import HandModel
 from ..records.camera import Camera
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..records.shot import HandPose
+from ..system.parallel_map import parallel_map
 from ..system.thread_limits import thread_limit
 from .flow import bilinear, flow_between, nearest
 from .hand_size import LengthPrior
@@ -92,6 +94,12 @@ class PoseTargets(NamedTuple):
     flow_px: float
     overlap: float
 
+    def enlarged(self, larger_by: np.ndarray) -> PoseTargets:
+        """Return the targets in a picture larger by these factors [2] along x and y."""
+        outline = self.outline._replace(px=self.outline.px * larger_by)
+        flow_px = self.flow_px * float(np.mean(larger_by))
+        return self._replace(px=self.px * larger_by, outline=outline, flow_px=flow_px)
+
 
 @dataclass(frozen=True)
 class Refit:
@@ -109,6 +117,7 @@ def refitted(
     fits_shape: bool = True,
     on_picture: Callable[[], None] = lambda: None,
     length_m: float | None = None,
+    longest_px: int | None = None,
 ) -> Refit:
     """Fit the poses of all pictures and one shape once, from where they are.
 
@@ -119,16 +128,31 @@ def refitted(
         fits_shape: move the shape, too.
         on_picture: called after each one's flow.
         length_m: of the hand (`hand_size.sized`); None: not known.
+        longest_px: side of the pictures in which flow is looked for; None: their own.
     """
-    targets = []
-    for picture in pictures:
-        targets.append(pose_targets(model, picture, lights[picture.scene]))
-        on_picture()
+
+    def targets_in(picture: HandPicture) -> PoseTargets:
+        small = picture if longest_px is None else made_smaller(picture, longest_px)
+        larger_by = np.divide(picture.camera.size_px, small.camera.size_px)
+        return pose_targets(model, small, lights[picture.scene]).enlarged(larger_by)
+
+    targets = parallel_map(targets_in, pictures, on_picture)
     with thread_limit(1):  # operations are small: threads would only wait for each other
         poses = _fitted(model, pictures, targets, fits_shape, length_m)
     moved = tuple(replace(picture, pose=pose) for picture, pose in zip(pictures, poses, strict=True))
     flow_px, overlap = (float(np.mean([getattr(each, name) for each in targets])) for name in ("flow_px", "overlap"))
     return Refit(moved, flow_px, overlap)
+
+
+def made_smaller(picture: HandPicture, longest_px: int) -> HandPicture:
+    """Return a picture whose sides are no longer than this."""
+    factor = longest_px / max(picture.camera.size_px)
+    if factor >= 1:
+        return picture
+    cv2, camera = load_opencv(), picture.camera.scaled(factor)
+    rgb = cv2.resize(picture.rgb, camera.size_px, interpolation=cv2.INTER_AREA)
+    labels = cv2.resize(picture.labels, camera.size_px, interpolation=cv2.INTER_NEAREST)
+    return replace(picture, rgb=rgb, labels=labels, camera=camera)
 
 
 def pose_targets(model: PersonModel, picture: HandPicture, light: Illumination) -> PoseTargets:

@@ -13,6 +13,7 @@ from ..capture.masks.mask import load_opencv
 from ..capture.picture import linear_to_srgb, srgb_to_linear
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..records.light import Light
+from ..system.parallel_map import parallel_map
 from .flow import flow_between
 from .illumination import Illumination, encoded_colours
 from .making import MadePerson
@@ -42,8 +43,9 @@ def held_out_figures(
     model: PersonModel, pictures: Sequence[HandPicture], lights: Mapping[int, Illumination]
 ) -> PersonFigures | None:
     """Measure the pictures that are held out; None: there are none."""
-    rows = [_row(model, picture, lights[picture.scene]) for picture in pictures if picture.is_held_out]
-    rows = [row for row in rows if row is not None]
+    held_out = [picture for picture in pictures if picture.is_held_out]
+    found = parallel_map(lambda picture: _row(model, picture, lights[picture.scene]), held_out)
+    rows = [row for row in found if row is not None]
     if not rows:
         return None
     psnr, aligned, overlap = np.mean(rows, 0)

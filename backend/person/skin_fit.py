@@ -14,6 +14,7 @@ import torch
 
 from ..capture.masks.mask import load_opencv
 from ..records.hand_picture import HAND, HandPicture, PicturedHand
+from ..system.parallel_map import parallel_map
 from ..system.thread_limits import thread_limit
 from .flow import bilinear, flow_between, local_contrast, nearest
 from .illumination import Illumination, encoded_colours
@@ -77,13 +78,13 @@ class _FlowTargets:
         pose = self.hands.poses(state.fit.parameters)["right"]
         model = self.model.with_offset(state.offset_m[0].double().numpy())
         turns = state.fit.turns.double().numpy()
-        return [
-            _vertex_targets(
-                model, replace(picture, pose=pose, camera=turned(picture.camera, turns[row])), row, self.lights
-            )
-            for row, picture in enumerate(self.pictures)
-            if not picture.is_held_out
-        ]
+
+        def targets(row: int) -> VertexTargets:
+            picture = self.pictures[row]
+            moved = replace(picture, pose=pose, camera=turned(picture.camera, turns[row]))
+            return _vertex_targets(model, moved, row, self.lights)
+
+        return parallel_map(targets, [row for row, each in enumerate(self.pictures) if not each.is_held_out])
 
 
 def _vertex_targets(

@@ -21,6 +21,7 @@ from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.hand_picture import BACKGROUND, HAND, UNKNOWN
 from ..records.shot import HandPose
+from ..system.parallel_map import parallel_map
 from .other_hands import with_others_unknown
 
 MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0)
@@ -94,11 +95,11 @@ def labelled(
     Raises:
         LiveHandError: OpenCV is missing, or the hand has no skin's colour.
     """
-    seen = [_seen(*each, model) for each in zip(pictures, poses, cameras, strict=True)]
+    seen = parallel_map(lambda each: _seen(*each, model), list(zip(pictures, poses, cameras, strict=True)))
     skin = skin_colours([one.rgb[one.mask & one.regions.core] for one in seen])
     check_is_skin(skin)
     histogram = np.sum([_histogram(_lab(one.rgb)[one.mask & one.regions.core]) for one in seen], 0)
-    labels = [_labels(one, skin, histogram) for one in seen]
+    labels = parallel_map(lambda one: _labels(one, skin, histogram), seen)
     others_px = others_px or [()] * len(labels)
     return [
         with_others_unknown(each, one.regions.silhouette, others)
@@ -147,8 +148,19 @@ def _seen(rgb: np.ndarray, pose: HandPose, camera: Camera, model: HandModel) -> 
     vertices, faces = short_of_arm(vertices, model)
     regions = hand_regions(vertices, joints, faces, camera, MASKS)
     behind = _behind_wrist(regions, joints, camera) & ~regions.silhouette
-    mask = grabcut_mask(rgb, regions, MASKS)
+    mask = _coarse_mask(rgb, regions)
     return _Seen(rgb, regions, behind, _cuff(vertices, joints, regions, camera), mask)
+
+
+def _coarse_mask(rgb: np.ndarray, regions: MaskRegions) -> np.ndarray:
+    """Find the mask at half size: enough for the colours of skin, and a second cut finds its edge."""
+    cv2 = load_opencv()
+    size_px = regions.silhouette.shape[::-1]
+    half_px = tuple(max(1, length // 2) for length in size_px)
+    small = cv2.resize(rgb, half_px, interpolation=cv2.INTER_AREA)
+    halves = (cv2.resize(each.astype(np.uint8), half_px, interpolation=cv2.INTER_NEAREST) > 0 for each in regions)
+    mask = grabcut_mask(small, MaskRegions(*halves), MASKS).astype(np.float32)
+    return cv2.resize(mask, size_px, interpolation=cv2.INTER_LINEAR) > 0.5
 
 
 def _cuff(vertices: np.ndarray, joints: np.ndarray, regions: MaskRegions, camera: Camera) -> np.ndarray:
