@@ -29,7 +29,7 @@ from .completion import CompletedRatio, completed_ratio, with_unseen_detail
 from .gathering import gathered_ratio
 from .hand_size import with_mean_proportions
 from .illumination import PICTURES_OF_SCENE, Illumination, LitPixels, evenly_chosen, fitted_light, pixels_of_scenes
-from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
+from .kept_steps import FITTED_ROUND, EarlySkin, FittedRound, KeptSteps
 from .lamp_search import with_lamp
 from .model import PersonModel
 from .numbers import PixelTones, ToneFamily, fitted_melanin
@@ -59,7 +59,7 @@ class MakingOptions:
     """
 
     resolution: int = 1024
-    rounds: int = 2
+    rounds: int = 1
     with_flow: bool = True
     kept_low: float = 0.75
     pictures: int = 36
@@ -96,15 +96,30 @@ class MadePerson:
 
 
 def made_person(
-    base: PersonModel, hand: PicturedHand, family: ToneFamily, options: MakingOptions, log: Log = lambda line: None
+    base: PersonModel,
+    hand: PicturedHand,
+    family: ToneFamily,
+    options: MakingOptions,
+    log: Log = lambda line: None,
+    first_skin: EarlySkin | None = None,
 ) -> MadePerson:
-    """Make a person from pictures whose poses are known well enough for flow to correct the rest."""
+    """Make a person from pictures whose poses are known well enough for flow to correct the rest.
+
+    Args:
+        base: to begin with.
+        hand: its pictures.
+        family: of skins.
+        options: how.
+        log: is told what was found.
+        first_skin: that an early round found; None: a skin of the family.
+    """
     texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, options.resolution)
     pictures = evenly_chosen([picture for picture in hand.pictures if not picture.is_held_out], options.pictures)
     pixels, base_log_albedo = pixels_of_scenes(base, pictures, options.light_pictures), family_at_base(base)
     for scene, of_scene in pixels.items():
         log(f"light of scene {scene}: {len(of_scene.shown)} pixels of {len(of_scene.parts)} pictures")
     skin = _AtlasTone.of_family(texels, family, base_log_albedo)
+    skin = skin if first_skin is None else skin.of_early(first_skin, base_log_albedo)
     made = None
     for round_index in range(options.rounds):
         tones = {scene: skin.at(of_scene) for scene, of_scene in pixels.items()}
@@ -114,7 +129,7 @@ def made_person(
             skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
         lights = {scene: _light(tone, skin.melanin) for scene, tone in tones.items()}
         model = base.with_ratio(_steps(texels, skin.log_ratio))
-        with_flow = options.with_flow and round_index > 0
+        with_flow = options.with_flow and (round_index > 0 or first_skin is not None)
         gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, with_flow)
         _check_seen(gathered)
         completed = completed_ratio(texels, gathered, family, base_log_albedo, skin.melanin, options.kept_low)
@@ -150,6 +165,14 @@ class _AtlasTone:
         bare = texels.at_texels((family.log_albedo(0.0, 1.0) - base_log_albedo).astype(np.float32))
         per_melanin = texels.at_texels((family.deep - family.light).astype(np.float32))
         return cls(texels, bare, per_melanin, _FIRST_MELANIN)
+
+    def of_early(self, skin: EarlySkin, base_log_albedo: np.ndarray) -> _AtlasTone:
+        """Begin with a skin that was found before, over that of another base."""
+        size, coarse = self.texels.resolution, len(skin.log_ratio)
+        row, column = np.divmod(self.texels.pixel, size)
+        found = skin.log_ratio[row * coarse // size, column * coarse // size].astype(np.float32)
+        found += self.texels.at_texels((skin.base_log_albedo - base_log_albedo).astype(np.float32))
+        return replace(self, bare=found - np.float32(skin.melanin) * self.per_melanin, melanin=skin.melanin)
 
     @property
     def log_ratio(self) -> np.ndarray:
@@ -217,15 +240,14 @@ def person_of_pictures(
     early = replace(options, rounds=1, finds_lamps=False, **_EARLY)
     if not hand.is_calibrated:
         early = replace(early, light_pictures=_EARLY_LIGHT_PICTURES)
-    melanin = _FIRST_MELANIN
+    melanin, skin = _FIRST_MELANIN, None
     for index, refits in enumerate(_refits(hand, options)):
         base = shaped(bases.nearest(melanin), hand)
         round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
-        hand, melanin = fitted.fitted(hand), fitted.melanin
-    return _with_unseen_detail(
-        made_person(shaped(bases.nearest(melanin), hand), hand, bases.family, options, log)
-    ), hand
+        hand, skin, melanin = fitted.fitted(hand), fitted.skin, fitted.skin.melanin
+    base = shaped(bases.nearest(melanin), hand)
+    return _with_unseen_detail(made_person(base, hand, bases.family, options, log, skin)), hand
 
 
 def _with_unseen_detail(made: MadePerson) -> MadePerson:
@@ -286,7 +308,8 @@ def _early_round(
         refit = refitted(made.model, hand.pictures, made.lights, length_m=options.length_m, longest_px=longest_px)
         log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
         hand = replace(hand, pictures=refit.pictures)
-    return FittedRound.of(hand, made.completed.numbers.melanin)
+    skin = made.texels.as_map(made.completed.log_ratio).astype(np.float16)
+    return FittedRound.of(hand, EarlySkin(skin, family_at_base(base), made.completed.numbers.melanin))
 
 
 _EARLY = {"resolution": 512, "pictures": 16}
