@@ -118,7 +118,7 @@ def made_person(
     pixels, base_log_albedo = pixels_of_scenes(base, pictures, options.light_pictures), family_at_base(base)
     for scene, of_scene in pixels.items():
         log(f"light of scene {scene}: {len(of_scene.shown)} pixels of {len(of_scene.parts)} pictures")
-    skin = _AtlasTone.of_family(texels, family, base_log_albedo)
+    skin = AtlasTone.of_family(texels, family, base_log_albedo)
     skin = skin if first_skin is None else skin.of_early(first_skin, base_log_albedo)
     made = None
     for round_index in range(options.rounds):
@@ -144,7 +144,7 @@ def made_person(
 
 
 @dataclass(frozen=True)
-class _AtlasTone:
+class AtlasTone:
     """The albedo so far, over the base's, and how melanin changes it: logarithms at the texels [T, 3].
 
     Attributes:
@@ -160,13 +160,13 @@ class _AtlasTone:
     melanin: float
 
     @classmethod
-    def of_family(cls, texels: AtlasTexels, family: ToneFamily, base_log_albedo: np.ndarray) -> _AtlasTone:
+    def of_family(cls, texels: AtlasTexels, family: ToneFamily, base_log_albedo: np.ndarray) -> AtlasTone:
         """Begin with a skin of the family."""
         bare = texels.at_texels((family.log_albedo(0.0, 1.0) - base_log_albedo).astype(np.float32))
         per_melanin = texels.at_texels((family.deep - family.light).astype(np.float32))
         return cls(texels, bare, per_melanin, _FIRST_MELANIN)
 
-    def of_early(self, skin: EarlySkin, base_log_albedo: np.ndarray) -> _AtlasTone:
+    def of_early(self, skin: EarlySkin, base_log_albedo: np.ndarray) -> AtlasTone:
         """Begin with a skin that was found before, over that of another base."""
         size, coarse = self.texels.resolution, len(skin.log_ratio)
         row, column = np.divmod(self.texels.pixel, size)
@@ -176,6 +176,7 @@ class _AtlasTone:
 
     @property
     def log_ratio(self) -> np.ndarray:
+        """With this melanin."""
         return self.bare + np.float32(self.melanin) * self.per_melanin
 
     def at(self, pixels: LitPixels) -> PixelTones:
@@ -315,8 +316,8 @@ def _early_round(
 _EARLY = {"resolution": 512, "pictures": 16}
 _EARLY_LIGHT_PICTURES = 4
 _Refits = tuple[int | None, ...]
-"""The longer side of the pictures, px, in each fit of poses; None: their own. Only the last needs what is fine."""
-_EARLY_REFITS, _CALIBRATED_REFITS = ((400, 400), (400, None)), ((None,),)
+"""The longer side of the pictures, px, in each fit of poses; None: their own. The first need nothing fine."""
+_EARLY_REFITS, _CALIBRATED_REFITS = ((400, 400), (None, None)), ((None,),)
 _FIRST_MELANIN = 0.4
 
 

@@ -9,7 +9,8 @@ from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
-from livehand.backend.person.making import MakingOptions, lines_of_making, made_person
+from livehand.backend.person.kept_steps import EarlySkin
+from livehand.backend.person.making import AtlasTone, MakingOptions, family_at_base, lines_of_making, made_person
 from livehand.backend.person.person_avatar import person_avatar, shipped_bases
 from livehand.backend.person.refit import refitted
 from livehand.backend.person.review import held_out_figures, write_sheet
@@ -105,7 +106,22 @@ def test_the_avatar_is_the_person_after_its_file_too(made, hand, tmp_path):
     assert np.abs(theirs - model).mean() < 0.01  # the same but for the numbers that shape fine pigment
 
 
-def test_poses_go_back_to_where_the_pictures_show_them(made, hand):
+def test_a_last_round_begins_with_the_skin_that_was_found(bases, made, hand):
+    """Of one base as it was; of another, what both show is the same albedo."""
+    texels, base = made.texels, bases.models[0.42]
+    log_ratio, own = made.completed.log_ratio, family_at_base(base)
+    early = EarlySkin(texels.as_map(log_ratio).astype(np.float16), own, 0.6)
+    fields = texels.at_texels(bases.family.light), texels.at_texels(bases.family.deep - bases.family.light)
+    start = AtlasTone(texels, *(field.astype(np.float32) for field in fields), 0.1)
+    np.testing.assert_allclose(start.of_early(early, own).log_ratio, log_ratio, atol=2e-3)
+    assert start.of_early(early, own).melanin == 0.6
+    other = family_at_base(bases.models[1.0])
+    shown = start.of_early(early, other).log_ratio + texels.at_texels(other)
+    np.testing.assert_allclose(shown, log_ratio + texels.at_texels(own), atol=4e-3)
+
+
+@pytest.mark.parametrize("longest_px", [None, 130])
+def test_poses_go_back_to_where_the_pictures_show_them(made, hand, longest_px):
     rng = np.random.default_rng(1)
     right = rest_wrists(made.model.hand, np.zeros(10))
     assert np.isfinite(right).all()
@@ -113,7 +129,8 @@ def test_poses_go_back_to_where_the_pictures_show_them(made, hand):
         replace(one, pose=replace(one.pose, transl=one.pose.transl + rng.normal(0, 0.004, 3))) for one in hand.pictures
     )
     before = np.mean([np.linalg.norm(one.pose.transl) for one in moved])
-    found = refitted(made.model, refitted(made.model, moved, made.lights).pictures, made.lights)
+    once = refitted(made.model, moved, made.lights, longest_px=longest_px)
+    found = refitted(made.model, once.pictures, made.lights, longest_px=longest_px)
 
     def off_px(pictures):
         points = posed_vertices(made.model.hand, HandPose.rest())
