@@ -120,7 +120,7 @@ def test_a_last_round_begins_with_the_skin_that_was_found(bases, made, hand):
     np.testing.assert_allclose(shown, log_ratio + texels.at_texels(own), atol=4e-3)
 
 
-@pytest.mark.parametrize("longest_px, left", [(None, 0.5), (130, 0.7)])  # flow in a smaller picture is coarser
+@pytest.mark.parametrize(("longest_px", "left"), [(None, 0.5), (130, 0.7)])  # flow in a smaller picture is coarser
 def test_poses_go_back_to_where_the_pictures_show_them(made, hand, longest_px, left):
     rng = np.random.default_rng(1)
     right = rest_wrists(made.model.hand, np.zeros(10))
