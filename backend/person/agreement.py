@@ -12,11 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..system.parallel_map import parallel_map
+
 _OUTLIER = 0.12  # of the logarithm
 _REWEIGHTED = 4
 _SAME = 0.01  # of the logarithm: a bound that made the mean is not below it
 _GAIN_SHRINK = 0.7  # of a picture's own exposure and white balance, which shading may feign
 _LEAST_GAIN_WEIGHT = 50.0
+_PART_TEXELS = 1 << 14  # of which a processor's cache holds all that a mean takes
 
 
 @dataclass(frozen=True)
@@ -59,20 +62,34 @@ def agreed_ratio(sightings: Sequence[TexelSighting], guess: np.ndarray) -> Gathe
     mean, total = _mean(sightings, weights, gains, guess, np.full_like(guess, np.inf))
     deviation = 0.0
     for _ in range(_REWEIGHTED):
-        squares = np.zeros(2)
-        for index, sighting in enumerate(sightings):
-            off = sighting.log_ratio.astype(np.float32) - mean
-            gains[index] = _gain(off, weights[index][:, None] * ~sighting.is_bound)
-            off -= gains[index]
-            is_known = ~sighting.is_bound | (off > -_SAME)
-            square = (off * off * is_known).sum(1) / np.maximum(is_known.sum(1), 1)
-            weights[index] = sighting.weight / (1 + square / _OUTLIER**2) ** 1.5
-            squares += (weights[index] * square).sum(), weights[index].sum()
+        given = list(zip(sightings, weights, strict=True))
+        found = parallel_map(lambda each, mean=mean: _agreement(*each, mean), given)
+        weights = [each.weight for each in found]
+        gains = np.stack([each.gain for each in found])
         gains -= gains.mean(0)
         mean, total = _mean(sightings, weights, gains, guess, mean)
-        deviation = float(np.sqrt(squares[0] / max(squares[1], 1e-9)))
+        squares, sums = np.sum([(each.squares, each.weight.sum()) for each in found], 0)
+        deviation = float(np.sqrt(squares / max(sums, 1e-9)))
     flow_px = float(np.mean([sighting.flow_px for sighting in sightings]))
     return GatheredRatio(mean, total, deviation, flow_px, gains)
+
+
+class _Agreement(NamedTuple):
+    """How one picture agrees with the mean: logarithm [3] of its gain, new weights [T], weighted sum of squares."""
+
+    gain: np.ndarray
+    weight: np.ndarray
+    squares: float
+
+
+def _agreement(sighting: TexelSighting, weight: np.ndarray, mean: np.ndarray) -> _Agreement:
+    off = sighting.log_ratio.astype(np.float32) - mean
+    gain = _gain(off, weight[:, None] * ~sighting.is_bound)
+    off -= gain
+    is_known = ~sighting.is_bound | (off > -_SAME)
+    square = (off * off * is_known).sum(1) / np.maximum(is_known.sum(1), 1)
+    weight = sighting.weight / (1 + square / _OUTLIER**2) ** 1.5
+    return _Agreement(gain, weight, float((weight * square).sum()))
 
 
 def _mean(
@@ -83,15 +100,22 @@ def _mean(
     previous: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Average what was measured, and bounds above the mean before [T, 3]; returns the mean weight of channels, too."""
-    total, sums = np.zeros_like(guess), np.zeros_like(guess)
-    for sighting, weight, gain in zip(sightings, weights, gains, strict=True):
-        off = sighting.log_ratio.astype(np.float32) - gain - guess
-        share = weight[:, None] * (~sighting.is_bound | (off > previous - guess - _SAME))
-        total += share
-        sums += share * off
-    off, is_known = sums / np.maximum(total, 1e-6), total > 0
-    hue = off.sum(1, keepdims=True) / np.maximum(is_known.sum(1, keepdims=True), 1)
-    return guess + np.where(is_known, off, hue), total.mean(1)
+
+    def of_part(part: slice) -> tuple[np.ndarray, np.ndarray]:
+        of_guess, of_previous = guess[part], previous[part]
+        total, sums = np.zeros_like(of_guess), np.zeros_like(of_guess)
+        for sighting, weight, gain in zip(sightings, weights, gains, strict=True):
+            off = sighting.log_ratio[part].astype(np.float32) - gain - of_guess
+            share = weight[part, None] * (~sighting.is_bound[part] | (off > of_previous - of_guess - _SAME))
+            total += share
+            sums += share * off
+        off, is_known = sums / np.maximum(total, 1e-6), total > 0
+        hue = off.sum(1, keepdims=True) / np.maximum(is_known.sum(1, keepdims=True), 1)
+        return of_guess + np.where(is_known, off, hue), total.mean(1)
+
+    parts = [slice(first, first + _PART_TEXELS) for first in range(0, len(guess), _PART_TEXELS)]
+    means, totals = zip(*parallel_map(of_part, parts), strict=True)
+    return np.concatenate(means), np.concatenate(totals)
 
 
 def _gain(off: np.ndarray, weight: np.ndarray) -> np.ndarray:

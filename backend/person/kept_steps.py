@@ -28,7 +28,7 @@ from ..records.side import SIDES
 from ..system.files import is_file, replacing
 from ..system.readers import read_npz
 
-VERSION = 2
+VERSION = 1
 """Of what is kept: files of another version are made again."""
 _CHUNK = 1 << 20
 _MOST_BYTES = 2 << 30
@@ -189,33 +189,19 @@ PICTURED_HAND = StepFormat(_write_hand, _read_hand)
 """Pictures with their masks, cameras and poses."""
 
 
-class EarlySkin(NamedTuple):
-    """The skin that an early round finds.
-
-    Attributes:
-        log_ratio: [A, A, 3] logarithm of its albedo over the base's, in a coarse atlas.
-        base_log_albedo: [N, 3] of the base, at the vertices of its surface.
-        melanin: 0 light to 1 deep.
-    """
-
-    log_ratio: np.ndarray
-    base_log_albedo: np.ndarray
-    melanin: float
-
-
 class FittedRound(NamedTuple):
-    """What an early round gives: the pictures' poses and cameras, the hand's own shape, and its skin."""
+    """What an early round gives: the pictures' poses and cameras, the hand's own shape, and the melanin of its skin."""
 
     poses: tuple[HandPose, ...]
     cameras: tuple[Camera, ...]
     offset_m: np.ndarray | None
-    skin: EarlySkin
+    melanin: float
 
     @classmethod
-    def of(cls, hand: PicturedHand, skin: EarlySkin) -> FittedRound:
+    def of(cls, hand: PicturedHand, melanin: float) -> FittedRound:
         """Keep what is new of a hand."""
         poses, cameras = zip(*((picture.pose, picture.camera) for picture in hand.pictures), strict=True)
-        return cls(poses, cameras, hand.offset_m, skin)
+        return cls(poses, cameras, hand.offset_m, melanin)
 
     def fitted(self, hand: PicturedHand) -> PicturedHand:
         """Give the pictures these poses and cameras, and the hand this shape."""
@@ -231,8 +217,7 @@ def _write_round(found: FittedRound, path: Path) -> None:
     arrays = {name: np.stack([getattr(pose, name) for pose in found.poses]) for name in _POSE}
     arrays |= {name: np.stack([getattr(camera, name) for camera in found.cameras]) for name in _CAMERA}
     arrays |= {} if found.offset_m is None else {"offset_m": found.offset_m}
-    arrays |= {name: np.asarray(value) for name, value in found.skin._asdict().items()}
-    _write_arrays(arrays, path)
+    _write_arrays({**arrays, "melanin": np.array(found.melanin)}, path)
 
 
 def _read_round(path: Path) -> FittedRound:
@@ -242,7 +227,7 @@ def _read_round(path: Path) -> FittedRound:
         tuple(HandPose(theta, beta, transl, "right", forearm) for theta, beta, transl, forearm in poses),
         tuple(Camera(K, cam2world, (int(width), int(height))) for K, cam2world, (width, height) in cameras),
         arrays.get("offset_m"),
-        EarlySkin(arrays["log_ratio"], arrays["base_log_albedo"], arrays["melanin"].item()),
+        arrays["melanin"].item(),
     )
 
 

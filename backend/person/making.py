@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -29,7 +30,7 @@ from .completion import CompletedRatio, completed_ratio, with_unseen_detail
 from .gathering import gathered_ratio
 from .hand_size import with_mean_proportions
 from .illumination import PICTURES_OF_SCENE, Illumination, LitPixels, evenly_chosen, fitted_light, pixels_of_scenes
-from .kept_steps import FITTED_ROUND, EarlySkin, FittedRound, KeptSteps
+from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lamp_search import with_lamp
 from .model import PersonModel
 from .numbers import PixelTones, ToneFamily, fitted_melanin
@@ -42,27 +43,39 @@ _LEAST_SEEN = 0.05
 Log = Callable[[str], None]
 
 
+class RoundOptions(NamedTuple):
+    """How a round of light, gathering and completion is done.
+
+    Attributes:
+        resolution: of the atlas.
+        pictures: that are gathered, at most.
+        with_flow: as in `gathered_ratio`: harmful before the texture is the person's.
+    """
+
+    resolution: int = 1024
+    pictures: int = 36
+    with_flow: bool = True
+
+
+COARSE_ROUND = RoundOptions(512, 16, with_flow=False)
+"""Brings a skin so near that light and flow find the rest."""
+
+
 @dataclass(frozen=True)
 class MakingOptions:
     """How a person is made.
 
     Attributes:
-        resolution: of the atlas.
-        rounds: of light, gathering and completion.
-        with_flow: as in `gathered_ratio`, from the second round on: in the first the texture is not the person's.
+        rounds: each begins with the skin of the one before, the first with one of the family.
         kept_low: as in `completed_ratio`.
-        pictures: at most.
-        light_pictures: of them, in which a scene's light is looked for.
+        light_pictures: in which a scene's light is looked for.
         finds_lamps: look for a lamp beside the sky in each scene.
         fits_poses: fit poses and shape again, too.
         length_m: of the hand, where it was measured (`hand_size.sized`).
     """
 
-    resolution: int = 1024
-    rounds: int = 1
-    with_flow: bool = True
+    rounds: tuple[RoundOptions, ...] = (COARSE_ROUND, RoundOptions())
     kept_low: float = 0.75
-    pictures: int = 36
     light_pictures: int = PICTURES_OF_SCENE
     finds_lamps: bool = True
     fits_poses: bool = True
@@ -96,41 +109,27 @@ class MadePerson:
 
 
 def made_person(
-    base: PersonModel,
-    hand: PicturedHand,
-    family: ToneFamily,
-    options: MakingOptions,
-    log: Log = lambda line: None,
-    first_skin: EarlySkin | None = None,
+    base: PersonModel, hand: PicturedHand, family: ToneFamily, options: MakingOptions, log: Log = lambda line: None
 ) -> MadePerson:
-    """Make a person from pictures whose poses are known well enough for flow to correct the rest.
-
-    Args:
-        base: to begin with.
-        hand: its pictures.
-        family: of skins.
-        options: how.
-        log: is told what was found.
-        first_skin: that an early round found; None: a skin of the family.
-    """
-    texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, options.resolution)
-    pictures = evenly_chosen([picture for picture in hand.pictures if not picture.is_held_out], options.pictures)
-    pixels, base_log_albedo = pixels_of_scenes(base, pictures, options.light_pictures), family_at_base(base)
+    """Make a person from pictures whose poses are known well enough for flow to correct the rest."""
+    shown = [picture for picture in hand.pictures if not picture.is_held_out]
+    pixels, base_log_albedo = pixels_of_scenes(base, shown, options.light_pictures), family_at_base(base)
     for scene, of_scene in pixels.items():
         log(f"light of scene {scene}: {len(of_scene.shown)} pixels of {len(of_scene.parts)} pictures")
-    skin = AtlasTone.of_family(texels, family, base_log_albedo)
-    skin = skin if first_skin is None else skin.of_early(first_skin, base_log_albedo)
-    made = None
-    for round_index in range(options.rounds):
+    skin, made = None, None
+    for round_index, of_round in enumerate(options.rounds):
+        texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, of_round.resolution)
+        skin = _AtlasTone.of_family(texels, family, base_log_albedo) if skin is None else skin.on(texels)
         tones = {scene: skin.at(of_scene) for scene, of_scene in pixels.items()}
         skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
-        if options.finds_lamps:
+        if options.finds_lamps and round_index == 0:
             tones = {scene: with_lamp(base, tone, skin.melanin) for scene, tone in tones.items()}
+            pixels = {scene: tone.pixels for scene, tone in tones.items()}
             skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
         lights = {scene: _light(tone, skin.melanin) for scene, tone in tones.items()}
         model = base.with_ratio(_steps(texels, skin.log_ratio))
-        with_flow = options.with_flow and (round_index > 0 or first_skin is not None)
-        gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, with_flow)
+        pictures = evenly_chosen(shown, of_round.pictures)
+        gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, of_round.with_flow)
         _check_seen(gathered)
         completed = completed_ratio(texels, gathered, family, base_log_albedo, skin.melanin, options.kept_low)
         log(_report(round_index, gathered, completed))
@@ -144,7 +143,7 @@ def made_person(
 
 
 @dataclass(frozen=True)
-class AtlasTone:
+class _AtlasTone:
     """The albedo so far, over the base's, and how melanin changes it: logarithms at the texels [T, 3].
 
     Attributes:
@@ -160,23 +159,20 @@ class AtlasTone:
     melanin: float
 
     @classmethod
-    def of_family(cls, texels: AtlasTexels, family: ToneFamily, base_log_albedo: np.ndarray) -> AtlasTone:
+    def of_family(cls, texels: AtlasTexels, family: ToneFamily, base_log_albedo: np.ndarray) -> _AtlasTone:
         """Begin with a skin of the family."""
         bare = texels.at_texels((family.log_albedo(0.0, 1.0) - base_log_albedo).astype(np.float32))
         per_melanin = texels.at_texels((family.deep - family.light).astype(np.float32))
         return cls(texels, bare, per_melanin, _FIRST_MELANIN)
 
-    def of_early(self, skin: EarlySkin, base_log_albedo: np.ndarray) -> AtlasTone:
-        """Begin with a skin that was found before, over that of another base."""
-        size, coarse = self.texels.resolution, len(skin.log_ratio)
-        row, column = np.divmod(self.texels.pixel, size)
-        found = skin.log_ratio[row * coarse // size, column * coarse // size].astype(np.float32)
-        found += self.texels.at_texels((skin.base_log_albedo - base_log_albedo).astype(np.float32))
-        return replace(self, bare=found - np.float32(skin.melanin) * self.per_melanin, melanin=skin.melanin)
+    def on(self, texels: AtlasTexels) -> _AtlasTone:
+        """Look the skin up at another atlas's texels."""
+        row, column = np.divmod(texels.pixel, texels.resolution)
+        maps = (self.texels.as_map(field) for field in (self.bare, self.per_melanin))
+        return _AtlasTone(texels, *(_looked_up(each, row, column, texels.resolution) for each in maps), self.melanin)
 
     @property
     def log_ratio(self) -> np.ndarray:
-        """With this melanin."""
         return self.bare + np.float32(self.melanin) * self.per_melanin
 
     def at(self, pixels: LitPixels) -> PixelTones:
@@ -235,20 +231,21 @@ def person_of_pictures(
     Early rounds see fewer pictures on a coarser atlas: they only bring poses, light and skin near enough for the next.
     """
     if hand.is_calibrated:
-        options = replace(options, with_flow=False)
+        options = replace(options, rounds=tuple(each._replace(with_flow=False) for each in options.rounds))
     if options.fits_poses:
         hand = with_mean_proportions(hand, bases.nearest(_FIRST_MELANIN).hand)
-    early = replace(options, rounds=1, finds_lamps=False, **_EARLY)
+    early = replace(options, rounds=(COARSE_ROUND,), finds_lamps=False)
     if not hand.is_calibrated:
         early = replace(early, light_pictures=_EARLY_LIGHT_PICTURES)
-    melanin, skin = _FIRST_MELANIN, None
+    melanin = _FIRST_MELANIN
     for index, refits in enumerate(_refits(hand, options)):
         base = shaped(bases.nearest(melanin), hand)
         round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
-        hand, skin, melanin = fitted.fitted(hand), fitted.skin, fitted.skin.melanin
-    base = shaped(bases.nearest(melanin), hand)
-    return _with_unseen_detail(made_person(base, hand, bases.family, options, log, skin)), hand
+        hand, melanin = fitted.fitted(hand), fitted.melanin
+    return _with_unseen_detail(
+        made_person(shaped(bases.nearest(melanin), hand), hand, bases.family, options, log)
+    ), hand
 
 
 def _with_unseen_detail(made: MadePerson) -> MadePerson:
@@ -288,7 +285,7 @@ def lines_of_making(hand: PicturedHand, options: MakingOptions) -> int:
     scenes = len({picture.scene for picture in hand.pictures})
     refits = _refits(hand, options)
     of_refits = 0 if hand.is_calibrated else sum(map(len, refits))
-    return len(refits) * (scenes + 1) + of_refits + scenes + options.rounds
+    return len(refits) * (scenes + 1) + of_refits + scenes + len(options.rounds)
 
 
 def _refits(hand: PicturedHand, options: MakingOptions) -> tuple[_Refits, ...]:
@@ -309,15 +306,13 @@ def _early_round(
         refit = refitted(made.model, hand.pictures, made.lights, length_m=options.length_m, longest_px=longest_px)
         log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
         hand = replace(hand, pictures=refit.pictures)
-    skin = made.texels.as_map(made.completed.log_ratio).astype(np.float16)
-    return FittedRound.of(hand, EarlySkin(skin, family_at_base(base), made.completed.numbers.melanin))
+    return FittedRound.of(hand, made.completed.numbers.melanin)
 
 
-_EARLY = {"resolution": 512, "pictures": 16}
 _EARLY_LIGHT_PICTURES = 4
 _Refits = tuple[int | None, ...]
 """The longer side of the pictures, px, in each fit of poses; None: their own. The first need nothing fine."""
-_EARLY_REFITS, _CALIBRATED_REFITS = ((400, 400), (None, None)), ((None,),)
+_EARLY_REFITS, _CALIBRATED_REFITS = ((520, 520), (None, None)), ((None,),)
 _FIRST_MELANIN = 0.4
 
 

@@ -10,7 +10,6 @@ from livehand.backend.person.kept_steps import (
     FILMED_TAKE,
     FITTED_ROUND,
     PICTURED_HAND,
-    EarlySkin,
     FittedRound,
     KeptSteps,
     digest_of,
@@ -36,12 +35,8 @@ def picture(size_px, moment):
     return HandPicture("é 1", rgb, labels, camera, pose(), 3, 1, moment == 2, (0.1, -0.2, 1 / 3), moment)
 
 
-def skin(melanin):
-    return EarlySkin(RNG.normal(size=(4, 4, 3)).astype(np.float16), RNG.normal(size=(5, 3)), melanin)
-
-
 def a_round(melanin):
-    return FittedRound((pose(),), (picture((4, 4), None).camera,), None, skin(melanin))
+    return FittedRound((pose(),), (picture((4, 4), None).camera,), None, melanin)
 
 
 @pytest.fixture
@@ -77,8 +72,8 @@ def results(hand):
     return {
         "pictures": (hand, PICTURED_HAND),
         "plain": (replace(hand, offset_m=None, notes=()), PICTURED_HAND),
-        "round": (FittedRound.of(hand, skin(1 / 3)), FITTED_ROUND),
-        "shapeless": (FittedRound.of(replace(hand, offset_m=None), skin(1 / 3)), FITTED_ROUND),
+        "round": (FittedRound.of(hand, 1 / 3), FITTED_ROUND),
+        "shapeless": (FittedRound.of(replace(hand, offset_m=None), 1 / 3), FITTED_ROUND),
         "take": (take(), FILMED_TAKE),
     }
 
@@ -110,8 +105,8 @@ def test_what_is_damaged_is_made_again(tmp_path, hand):
     whole = path.read_bytes()
     for spoilt in (b"", whole[: len(whole) // 2], b"PK" + whole[2:100]):
         path.write_bytes(spoilt)
-        assert steps.kept("round", lambda: a_round(0.7), FITTED_ROUND).skin.melanin == 0.7
-        assert steps.kept("round", must_not_run, FITTED_ROUND).skin.melanin == 0.7
+        assert steps.kept("round", lambda: a_round(0.7), FITTED_ROUND).melanin == 0.7
+        assert steps.kept("round", must_not_run, FITTED_ROUND).melanin == 0.7
 
 
 def test_nothing_is_left_in_the_end(tmp_path):
