@@ -119,7 +119,7 @@ def made_person(
     skin, made = None, None
     for round_index, of_round in enumerate(options.rounds):
         texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, of_round.resolution)
-        skin = _AtlasTone.of_family(texels, family, base_log_albedo) if skin is None else skin.on(texels)
+        skin = AtlasTone.of_family(texels, family, base_log_albedo) if skin is None else skin.on(texels)
         tones = {scene: skin.at(of_scene) for scene, of_scene in pixels.items()}
         skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
         if options.finds_lamps and round_index == 0:
@@ -143,7 +143,7 @@ def made_person(
 
 
 @dataclass(frozen=True)
-class _AtlasTone:
+class AtlasTone:
     """The albedo so far, over the base's, and how melanin changes it: logarithms at the texels [T, 3].
 
     Attributes:
@@ -159,20 +159,21 @@ class _AtlasTone:
     melanin: float
 
     @classmethod
-    def of_family(cls, texels: AtlasTexels, family: ToneFamily, base_log_albedo: np.ndarray) -> _AtlasTone:
+    def of_family(cls, texels: AtlasTexels, family: ToneFamily, base_log_albedo: np.ndarray) -> AtlasTone:
         """Begin with a skin of the family."""
         bare = texels.at_texels((family.log_albedo(0.0, 1.0) - base_log_albedo).astype(np.float32))
         per_melanin = texels.at_texels((family.deep - family.light).astype(np.float32))
         return cls(texels, bare, per_melanin, _FIRST_MELANIN)
 
-    def on(self, texels: AtlasTexels) -> _AtlasTone:
+    def on(self, texels: AtlasTexels) -> AtlasTone:
         """Look the skin up at another atlas's texels."""
         row, column = np.divmod(texels.pixel, texels.resolution)
         maps = (self.texels.as_map(field) for field in (self.bare, self.per_melanin))
-        return _AtlasTone(texels, *(_looked_up(each, row, column, texels.resolution) for each in maps), self.melanin)
+        return AtlasTone(texels, *(_looked_up(each, row, column, texels.resolution) for each in maps), self.melanin)
 
     @property
     def log_ratio(self) -> np.ndarray:
+        """With this melanin."""
         return self.bare + np.float32(self.melanin) * self.per_melanin
 
     def at(self, pixels: LitPixels) -> PixelTones:
