@@ -23,6 +23,8 @@ _CAMERAS_OF_POSE = 5
 _GREY = 3.0  # mean difference of a pixel's channels, of 255, below which a picture has no colours
 _LEAST_HAND_PX = 50
 _UNLIKE_MM = 4.0  # root mean square distance of both hands' surfaces from which on people are told
+_UNLIKE_OTHERS = 2.5  # of a pose's over those of most
+_FEW = 8  # poses that are named
 
 
 def pictures_of_capture(
@@ -148,14 +150,25 @@ def _carried_over(
     transfer = stored_transfer(model, other.for_side(model.side))
     found = transfer.transferred(list(first.values()))
     pose_of = dict(zip(first, found.poses, strict=True))
-    off_mm = float(found.deviation_mm.mean())
-    note = f"poses of '{other.name}' are carried over, both surfaces are {off_mm:.1f} mm apart"
+    off_mm = dict(zip(first, found.deviation_mm.tolist(), strict=True))
+    usual_mm = float(np.median(found.deviation_mm))
+    alike = {moment for moment in first if off_mm[moment] < max(_UNLIKE_MM, _UNLIKE_OTHERS * usual_mm)}
+    note = f"poses of '{other.name}' are carried over, both surfaces are {usual_mm:.1f} mm apart"
+    note += "" if usual_mm < _UNLIKE_MM else ", which is much: look at the sheet"
+    if len(alike) < len(first):
+        wrong = [moment for moment in first if moment not in alike]
+        note += f"; {len(wrong)} of {len(first)} poses are left out, whose fits no such hand can have: {_list(wrong)}"
     moved = [
         _with_arm_unknown(replace(picture, pose=pose_of[picture.moment]), model)
         for picture in pictures
-        if picture.moment is not None
+        if picture.moment in alike
     ]
-    return moved, found.offset_m, note if off_mm < _UNLIKE_MM else f"{note}, which is much: look at the sheet"
+    return moved, found.offset_m, note
+
+
+def _list(poses: Sequence[int]) -> str:
+    few = ", ".join(map(str, poses[:_FEW]))
+    return few if len(poses) <= _FEW else f"{few}, ..."
 
 
 def _with_arm_unknown(picture: HandPicture, model: HandModel) -> HandPicture:

@@ -5,6 +5,7 @@ format, is fitted to it, as the data set's fits are to its people. Cameras have 
 """
 
 import json
+import shutil
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -186,6 +187,21 @@ def test_poses_are_the_built_in_hands(truth, hand, read):
     assert read.offset_m.shape == (len(hand.v_template),)
     for one in read.pictures:
         assert one.camera.size_px == (one.rgb.shape[1], one.rgb.shape[0])
+
+
+def test_a_fit_that_no_hand_can_have_is_left_out(truth, hand, folder, read, tmp_path, monkeypatch):
+    """Its beta is as wild as those of bad fits in data sets are; the shape stays that of the others."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    shutil.copytree(folder, tmp_path / "wild")
+    capture = load_capture(tmp_path / "wild")
+    wild = replace(capture.poses[1], beta=12 * np.array([0.4, -0.2, -0.4, 0.8, -0.7, 1, 2.4, -2, 0.4, 0]))
+    save_capture_index(replace(capture, poses=(capture.poses[0], wild, capture.poses[2])))
+    pictures = pictures_of_capture(tmp_path / "wild", hand, 40, truth.twin.model, lambda line: None)
+    assert {one.moment for one in pictures.pictures} == {0, 2}
+    assert "1 of 3 poses are left out, whose fits no such hand can have: 1" in " ".join(pictures.notes)
+    kept = [one for one in read.pictures if one.moment != 1]
+    is_hand = hand.arm_weights == 0
+    assert off_m(truth, hand, pictures.pictures, is_hand) < off_m(truth, hand, kept, is_hand) + 0.0003
 
 
 def test_gains_of_the_cameras_come_back(read):

@@ -70,14 +70,14 @@ class ModelTransfer:
         return cls(ours, other, registered(ours, other))
 
     def transferred(self, poses: Sequence[HandPose]) -> TransferredHand:
-        """Pose our hand as the other's surface is posed; the shape is that of the poses' mean beta.
+        """Pose our hand as the other's surface is posed; the shape is that of the poses' median beta.
 
         Raises:
             LiveHandError: a pose is of the other side.
         """
         if any(pose.side != self.other.side for pose in poses):
             raise LiveHandError(f"poses must be of the model's side, {self.other.side}, got the other; mirror them")
-        shape, offset_m = self.shape(np.mean([pose.beta for pose in poses], 0))
+        shape, offset_m = self.shape(np.median([pose.beta for pose in poses], 0))
         fits = [self._fitted(pose, shape, offset_m) for pose in poses]
         return TransferredHand(tuple(fit for fit, _ in fits), offset_m, np.array([off_mm for _, off_mm in fits]))
 
