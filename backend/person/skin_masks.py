@@ -136,11 +136,11 @@ def check_is_skin(skin: ColourHistogram) -> None:
 
 
 def where_arm_may_be(pose: HandPose, camera: Camera, model: HandModel) -> np.ndarray:
-    """Return the pixels [H, W] behind the wrist that a right hand's arm may cover, however the wrist is bent."""
+    """Return the pixels [H, W] at and behind the wrist that a right hand's arm may cover, however the wrist is bent."""
     vertices, joints = posed_arrays(model, pose)
     vertices, faces = short_of_arm(vertices, model)
     regions = hand_regions(vertices, joints, faces, camera, MASKS)
-    return _behind_wrist(regions, joints, camera)
+    return _behind_wrist(regions, joints, camera) | _cuff(vertices, joints, regions, camera)
 
 
 def _seen(rgb: np.ndarray, pose: HandPose, camera: Camera, model: HandModel) -> _Seen:

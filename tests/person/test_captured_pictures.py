@@ -182,7 +182,7 @@ def test_poses_are_the_built_in_hands(truth, hand, read):
     assert {one.moment for one in read.pictures if one.is_held_out} == {2}
     is_hand = hand.arm_weights == 0
     assert off_m(truth, hand, read.pictures, is_hand) < 0.0022
-    assert overlap(hand, read.pictures) > 0.87
+    assert overlap(hand, read.pictures) > 0.93
     assert "both surfaces are" in " ".join(read.notes)
     assert read.offset_m.shape == (len(hand.v_template),)
     for one in read.pictures:
