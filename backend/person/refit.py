@@ -208,66 +208,6 @@ class _Cameras(NamedTuple):
         return homogeneous[..., :2] / homogeneous[..., 2:]
 
 
-class _PictureTerms(NamedTuple):
-    """What some of K pictures, which show P poses, say of poses and shape.
-
-    Attributes:
-        skin: of the hand.
-        cameras: of these pictures.
-        pose: [k] of P that each shows.
-        shapes: [k, 1] whether it has a say in the shape.
-        goal, weight: [k, V, 2] px and [k, V], where vertices should be.
-        outlines: of these pictures.
-        offset_m: [k, V, 3] the person's own shape.
-        shares: of a picture in all, and of a point of an outline in those of all.
-    """
-
-    skin: SkinTensors
-    cameras: _Cameras
-    pose: Tensor
-    shapes: Tensor
-    goal: Tensor
-    weight: Tensor
-    outlines: _Outlines
-    offset_m: Tensor
-    shares: tuple[float, float]
-
-    def loss(self, theta: Tensor, transl: Tensor, forearm: Tensor, beta: Tensor) -> Tensor:
-        """Return these pictures' part of the mean over all."""
-        shape = torch.where(self.shapes, beta, beta.detach())
-        posed = pose_hand(self.skin, theta[self.pose], shape, transl[self.pose], forearm[self.pose])
-        px = self.cameras.project(posed.vertices + self.offset_m)
-        squares = (self.weight * _robust((px - self.goal).norm(dim=-1))).sum(1) / self.weight.sum(1).clamp(min=1)
-        of_picture, of_point = self.shares
-        return of_picture * squares.sum() + _OUTLINE_WEIGHT * of_point * self.outlines.loss(px)
-
-
-_PARTS = 2  # of the pictures, each in a thread
-
-
-def _terms(
-    model: PersonModel, pictures: Sequence[HandPicture], targets: Sequence[PoseTargets], pose_of: Tensor
-) -> list[_PictureTerms]:
-    skin = SkinTensors.of(model.hand.for_side("right"))
-    shares = 1 / len(pictures), 1 / max(sum(len(each.outline.vertex) for each in targets), 1)
-
-    def of_part(rows: np.ndarray) -> _PictureTerms:
-        shown, wanted = [pictures[row] for row in rows], [targets[row] for row in rows]
-        goal, weight, offset_m = (
-            torch.as_tensor(np.stack(values), dtype=torch.float32)
-            for values in (
-                [each.px for each in wanted],
-                [each.weight for each in wanted],
-                [_offset(model, one.pose) for one in shown],
-            )
-        )
-        shapes = torch.tensor([not one.is_held_out for one in shown])[:, None]
-        cameras, outlines = _Cameras.of([one.camera for one in shown]), _Outlines.of([each.outline for each in wanted])
-        return _PictureTerms(skin, cameras, pose_of[rows], shapes, goal, weight, outlines, offset_m, shares)
-
-    return [of_part(rows) for rows in np.array_split(np.arange(len(pictures)), _PARTS) if len(rows)]
-
-
 def _fitted(
     model: PersonModel,
     pictures: Sequence[HandPicture],
@@ -275,8 +215,8 @@ def _fitted(
     fits_shape: bool,
     length_m: float | None,
 ) -> list[HandPose]:
+    skin, cameras = SkinTensors.of(model.hand.for_side("right")), _Cameras.of([one.camera for one in pictures])
     first, pose_of = _poses_of(pictures)
-    terms, hinges = _terms(model, pictures, targets, pose_of), HingeTurns.of(model.hand)
     start = [
         torch.as_tensor(np.stack([getattr(pictures[index].pose, name) for index in first]), dtype=torch.float32)
         for name in ("theta", "transl", "forearm")
@@ -285,32 +225,35 @@ def _fitted(
     length = None if length_m is None else LengthPrior.of(model.hand, pictures[0].pose.beta, length_m)
     theta, transl, forearm = (values.clone().requires_grad_(True) for values in start)
     beta = first_beta.clone().requires_grad_(fits_shape)
-    fitted = [(theta, _RATES[0]), (transl, _RATES[2]), (forearm, _RATES[3])]
-    fitted += [(beta, _RATES[1])] if fits_shape else []
-    leaves = [each for each, _ in fitted]
-    optimiser = torch.optim.Adam([{"params": [each], "lr": rate} for each, rate in fitted], betas=(0.9, 0.99))
-
-    def of_pictures(part: _PictureTerms) -> tuple[Tensor, ...]:
-        return torch.autograd.grad(part.loss(theta, transl, forearm, beta), leaves)
-
+    shapes_beta = torch.tensor([not one.is_held_out for one in pictures])[:, None]
+    goal = torch.as_tensor(np.stack([each.px for each in targets]), dtype=torch.float32)
+    weight = torch.as_tensor(np.stack([each.weight for each in targets]), dtype=torch.float32)
+    outlines = _Outlines.of([each.outline for each in targets])
+    hinges = HingeTurns.of(model.hand)
+    offset_m = torch.as_tensor(np.stack([_offset(model, one.pose) for one in pictures]), dtype=torch.float32)
+    parameters = [(theta, _RATES[0]), (transl, _RATES[2]), (forearm, _RATES[3])]
+    parameters += [(beta, _RATES[1])] if fits_shape else []
+    optimiser = torch.optim.Adam([{"params": [each], "lr": rate} for each, rate in parameters], betas=(0.9, 0.99))
     for step in range(_STEPS):
-        for group, (_, rate) in zip(optimiser.param_groups, fitted, strict=True):
+        for group, (_, rate) in zip(optimiser.param_groups, parameters, strict=True):
             group["lr"] = rate * (1 - step / _STEPS)
-        prior = _THETA_WEIGHT * ((theta - start[0])[:, 1:] ** 2).sum((1, 2)).mean()
-        prior = prior + _HINGE_WEIGHT * (hinges(theta) ** 2).sum(1).mean()
-        prior = prior + _BETA_WEIGHT * ((beta - first_beta) ** 2).sum()
-        prior = prior if length is None else prior + length.loss(beta)
-        prior = prior + 0.5 * (((transl - start[1]) / _TRANSL_M) ** 2).sum(1).mean()
-        prior = prior + 0.5 * (((forearm - start[2]) / _FOREARM_RAD) ** 2).sum(1).mean()
-        slopes = [*parallel_map(of_pictures, terms), torch.autograd.grad(prior, leaves)]
-        for leaf, *parts in zip(leaves, *slopes, strict=True):
-            leaf.grad = torch.stack(parts).sum(0)
+        shape = torch.where(shapes_beta, beta, beta.detach())
+        vertices = pose_hand(skin, theta[pose_of], shape, transl[pose_of], forearm[pose_of]).vertices
+        px = cameras.project(vertices + offset_m)
+        data = (weight * _robust((px - goal).norm(dim=-1))).sum(1) / weight.sum(1).clamp(min=1)
+        loss = data.mean() + _OUTLINE_WEIGHT * outlines.loss(px)
+        loss = loss + _THETA_WEIGHT * ((theta - start[0])[:, 1:] ** 2).sum((1, 2)).mean()
+        loss = loss + _HINGE_WEIGHT * (hinges(theta) ** 2).sum(1).mean()
+        loss = loss + _BETA_WEIGHT * ((beta - first_beta) ** 2).sum()
+        loss = loss if length is None else loss + length.loss(beta)
+        loss = loss + 0.5 * (((transl - start[1]) / _TRANSL_M) ** 2).sum(1).mean()
+        loss = loss + 0.5 * (((forearm - start[2]) / _FOREARM_RAD) ** 2).sum(1).mean()
+        optimiser.zero_grad()
+        loss.backward()
         optimiser.step()
-    theta_rad, transl_m, forearm_rad, shape = (
-        values.detach().double().numpy() for values in (theta, transl, forearm, beta)
-    )
-    rows = zip(theta_rad, transl_m, forearm_rad, strict=True)
-    poses = [HandPose(turns, shape, place, "right", arm) for turns, place, arm in rows]
+    fitted = (values.detach().double().numpy() for values in (theta, transl, forearm))
+    shape = beta.detach().double().numpy()
+    poses = [HandPose(a, shape, b, "right", c) for a, b, c in zip(*fitted, strict=True)]
     return [poses[row] for row in pose_of.tolist()]
 
 
@@ -375,8 +318,8 @@ class _Outlines(NamedTuple):
         )
 
     def loss(self, px: Tensor) -> Tensor:
-        """Return the sum of robust distances across edges."""
+        """Return the mean robust distance across edges."""
         if not len(self.picture):
             return px.new_zeros(())
         off = ((px[self.picture, self.vertex] - self.px) * self.normal).sum(-1).abs()
-        return _robust(off).sum()
+        return _robust(off).mean()
