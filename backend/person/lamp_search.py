@@ -12,6 +12,7 @@ import numpy as np
 
 from ..geometry.rotation import axis_angle_to_matrix
 from ..records.light import Lamp, Light, rotation_facing
+from ..system.parallel_map import parallel_map
 from .illumination import LitPixels, fitted_light, lobe_directions
 from .model import PersonModel
 from .numbers import PixelTones
@@ -59,7 +60,7 @@ def _best(
     """Return the pixels with the best of some lamps, which it is, and its error."""
     count, tried = len(pixels.sources), pixels.with_sources(model, lamps)
     each = [tried.of_sources([*range(count), count + index]) for index in range(len(lamps))]
-    errors = [fitted_light(one, ratio).error for one in each]
+    errors = parallel_map(lambda one: fitted_light(one, ratio).error, each)
     at = int(np.argmin(errors))
     return each[at], at, errors[at]
 

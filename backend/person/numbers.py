@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..surface.blood import BLOOD_LOG_ALBEDO
+from ..system.parallel_map import parallel_map
 from .illumination import LitPixels, fitted_light
 
 _BLOOD_DEVIATION, _TINT_DEVIATION = 0.2, 0.06
@@ -99,9 +100,11 @@ class PixelTones(NamedTuple):
 
 def fitted_melanin(scenes: Sequence[PixelTones]) -> float:
     """Find the melanin, 0 light to 1.2, whose light explains all scenes best."""
-    errors = np.array(
-        [np.mean([fitted_light(one.pixels, one.ratio(melanin)).error for one in scenes]) for melanin in _MELANINS]
-    )
+
+    def error(melanin: float) -> float:
+        return float(np.mean([fitted_light(one.pixels, one.ratio(melanin)).error for one in scenes]))
+
+    errors = np.array(parallel_map(error, _MELANINS.tolist()))
     best = int(errors.argmin())
     if best in (0, len(_MELANINS) - 1):
         return float(_MELANINS[best])

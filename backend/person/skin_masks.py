@@ -8,7 +8,7 @@ seen between fingers, and what on the hand is no skin. Behind the wrist nothing 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,7 @@ from .other_hands import with_others_unknown
 
 MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0)
 """The fit of a film or a photograph is a centimetre off in places."""
+_SECOND_ITERATIONS = 3  # of GrabCut, which begins near its end: more move a thousandth of the hand
 _WRIST, _MIDDLE_KNUCKLE = 0, 4  # joints
 _WRIST_BEND_RAD = 0.6  # in the picture, to each side
 _BENDS = 13
@@ -219,7 +220,7 @@ def _second_cut(seen: _Seen, odds: np.ndarray) -> np.ndarray:
     regions = seen.regions._replace(core=seen.regions.core & ~is_ground & is_skin)
     if not regions.core.any():
         return seen.mask
-    again = grabcut_mask(seen.rgb, regions, MASKS)
+    again = grabcut_mask(seen.rgb, regions, replace(MASKS, iterations=_SECOND_ITERATIONS))
     return (again | (seen.mask & is_skin)) & ~is_ground & ~seen.behind_wrist
 
 
