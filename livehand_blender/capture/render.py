@@ -10,6 +10,7 @@ from typing import Protocol
 import bpy
 from tqdm import tqdm
 
+from ...backend.avatars.worn_skin import WornSkin
 from ...backend.batch.frame_file import is_finished
 from ...backend.capture.capture import (
     Capture,
@@ -36,6 +37,7 @@ from .own_surface import OwnSurface
 from .scene import capture_scene, set_camera
 from .skin import SkinTone, baked_material
 from .surface import SkinSurface
+from .worn_material import worn_material
 
 SURFACE_FILE = "surface.npz"
 """Of the surface that a capture shows, in its folder."""
@@ -47,6 +49,18 @@ class HandWithMaterials:
 
     model: HandModel
     materials: Path | None
+
+
+@dataclass(frozen=True)
+class HandWithSkin:
+    """A built-in hand model in the skin of one person, who has an avatar."""
+
+    model: HandModel
+    skin: WornSkin
+
+
+Subject = HandWithMaterials | HandWithSkin | HandModel
+"""Whose hand a capture shows: one of your own, an avatar's person's, or a built-in model's in the plan's skin."""
 
 
 class Surface(Protocol):
@@ -62,7 +76,7 @@ def render_capture(
     plan: CapturePlan,
     provenance: dict,
     threads: int | None = None,
-    hand: HandWithMaterials | HandModel | None = None,
+    hand: Subject | None = None,
 ) -> Capture:
     """Render the planned views into the folder, skipping images that are already complete.
 
@@ -71,7 +85,7 @@ def render_capture(
         plan: its poses, cameras and splits.
         provenance: written to its index.
         threads: of Cycles; None: all.
-        hand: your own, or the model of a built-in hand; None: the default one.
+        hand: None: the default one, in the skin of the plan's person.
 
     Raises:
         LiveHandError: the folder holds another capture, or cannot be written.
@@ -91,8 +105,10 @@ def render_capture(
     return capture
 
 
-def _surface_of(subject: HandWithMaterials | HandModel, person: Person) -> StoredSurface | None:
+def _surface_of(subject: Subject, person: Person) -> StoredSurface | None:
     """Return the surface that the capture will show, with all of its arrays; None for materials of its own."""
+    if isinstance(subject, HandWithSkin):
+        return subject.skin.surface
     known = None if isinstance(subject, HandWithMaterials) else surface_of_person(person, subject.sha256)
     return None if known is None else whole_surface(known)
 
@@ -101,17 +117,12 @@ def render_views(
     capture: Capture,
     views: list[CaptureView],
     plan: CapturePlan,
-    subject: HandWithMaterials | HandModel,
+    subject: Subject,
     threads: int | None,
 ) -> None:
     """Render the views, pose by pose, so that Cycles builds its acceleration structure once per pose."""
     scene = capture_scene(threads)
-    tone = SkinTone.of(plan.person)
-    surface = (
-        _own_surface(subject, tone)
-        if isinstance(subject, HandWithMaterials)
-        else builtin_surface(subject, plan.person, capture.folder / "skin")
-    )
+    surface = _posable(subject, plan.person, capture.folder / "skin")
     lit = LitImages(scene, capture, _model_of(subject)) if capture.is_lit else None
     with tqdm(total=len(views), unit="image", desc="capture") as progress:
         for pose_index, of_pose in groupby(views, lambda view: view.pose_index):
@@ -133,12 +144,18 @@ def _image_key(view: CaptureView) -> tuple:
     return view.pose_index, view.camera_index, view.split
 
 
-def _own_surface(own: HandWithMaterials, tone: SkinTone) -> Surface:
-    return OwnSurface.of_materials(own.model, own.materials) if own.materials else OwnSurface.plain(own.model, tone)
+def _posable(subject: Subject, person: Person, maps_folder: Path) -> Surface:
+    if isinstance(subject, HandModel):
+        return builtin_surface(subject, person, maps_folder)
+    if isinstance(subject, HandWithSkin):
+        return worn_surface(subject.model, subject.skin)
+    if subject.materials:
+        return OwnSurface.of_materials(subject.model, subject.materials)
+    return OwnSurface.plain(subject.model, SkinTone.of(person))
 
 
-def _model_of(subject: HandWithMaterials | HandModel) -> HandModel:
-    return subject.model if isinstance(subject, HandWithMaterials) else subject
+def _model_of(subject: Subject) -> HandModel:
+    return subject if isinstance(subject, HandModel) else subject.model
 
 
 def builtin_surface(
@@ -151,6 +168,14 @@ def builtin_surface(
     surface, tone = SkinSurface.create(model, detailed_surface(model), person.veins_mm), SkinTone.of(person)
     maps = bake_skin(surface.object, maps_folder, tone)
     surface.object.data.materials.append(baked_material(maps, tone, factor))
+    return surface
+
+
+def worn_surface(model: HandModel, skin: WornSkin) -> SkinSurface:
+    """Add the detailed hand to the scene, in the skin of one person."""
+    detail = detailed_surface(model).with_veins(model, skin.vein)
+    surface = SkinSurface.create(model, detail, skin.person.veins_mm)
+    surface.object.data.materials.append(worn_material(skin))
     return surface
 
 

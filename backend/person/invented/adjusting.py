@@ -16,10 +16,10 @@ from torch import Tensor
 from ...avatars.avatar import Avatar
 from ...avatars.file import load_avatar
 from ...avatars.library import shipped_avatar_path
+from ...avatars.network_albedo import FIELD_RESOLUTION, network_albedo
 from ...capture.person import Person
 from ...hand.model import HandModel
 from ...records.errors import LiveHandError
-from ...render.albedo import FIELD_RESOLUTION, network_albedo
 from ...render.thumbnail import with_thumbnail
 from ...surface.albedo_ratio import MOST_LOG_RATIO, RATIO_ARRAY, RATIO_STEP, ratio_steps
 from ...surface.blood import BLOOD_LOG_ALBEDO

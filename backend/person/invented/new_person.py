@@ -14,8 +14,8 @@ from torch.nn.functional import interpolate
 from ...avatars.avatar import Avatar
 from ...avatars.file import load_avatar
 from ...avatars.library import SKINS, shipped_avatar_path
+from ...avatars.network_albedo import FIELD_RESOLUTION, network_albedo
 from ...hand.model import HandModel
-from ...render.albedo import FIELD_RESOLUTION, network_albedo
 from ...render.thumbnail import with_thumbnail
 from ...surface.albedo_ratio import RATIO_ARRAY, ratio_steps
 from ...surface.base_surface import base_arrays, base_sha256
