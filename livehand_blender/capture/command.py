@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from ...backend.avatars.library import avatar_path
 from ...backend.capture.capture import Split
 from ...backend.capture.person import PERSONS, Person, find_person
 from ...backend.capture.plan import CapturePlan
@@ -19,8 +20,9 @@ from ...backend.surface.skin_version import SKIN_VERSION, skin_version
 from ...backend.system.command import parse_size_px
 
 if TYPE_CHECKING:
-    from ...backend.avatars.worn_skin import WornSkin
-    from .render import HandWithSkin, Subject
+    from ...backend.avatars.worn_textures import WornTextures
+    from .dressed_hand import DressedHand
+    from .render import Subject
 
 _SMALLEST_PX = 16  # of an image's sides: the granularity of the renderer's crop
 
@@ -59,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tone",
         default="light",
         metavar="NAME",
-        help=f"whose skin and shape: {', '.join(PERSONS)}, a JSON file of numbers, or an avatar's file, whose very "
-        "person is shown (default: %(default)s)",
+        help=f"whose skin and shape: {', '.join(PERSONS)}, a JSON file of numbers, or an avatar's "
+        "file or name, whose very person is shown (default: %(default)s)",
     )
     parser.add_argument(
         "--size",
@@ -102,11 +104,11 @@ def run(args: argparse.Namespace) -> dict:
 
 def _hand_facts(hand: Subject | None, person: Person) -> dict[str, str | None]:
     """Describe whose hand it is and which built-in skin, as provenance: captures of different skins are not mixed."""
-    from .render import HandWithSkin
+    from .dressed_hand import DressedHand
     from .skin import SkinTone
 
-    if isinstance(hand, HandWithSkin):
-        return {"hand": hand.model.name, SKIN_VERSION: skin_version(), "worn_skin": _digest(hand.skin)}
+    if isinstance(hand, DressedHand):
+        return {"hand": hand.model.name, SKIN_VERSION: skin_version(), "worn_skin": _digest(hand.textures)}
     tone = {"skin_tone": hashlib.sha256(repr(SkinTone.of(person)).encode()).hexdigest()[:12]}
     if hand is None or isinstance(hand, HandModel):
         name = {"hand": hand.name} if hand else {}
@@ -116,16 +118,16 @@ def _hand_facts(hand: Subject | None, person: Person) -> dict[str, str | None]:
     return {"hand": hand.model.name, "look_sha256": hashlib.sha256(hand.materials.read_bytes()).hexdigest()}
 
 
-def _digest(skin: WornSkin) -> str:
+def _digest(textures: WornTextures) -> str:
     """Return the identity of what a person's networks and surface show together."""
-    return hashlib.sha256((skin.base_color * 255).round().astype("uint8").tobytes()).hexdigest()[:12]
+    return hashlib.sha256((textures.reflectance * 255).round().astype("uint8").tobytes()).hexdigest()[:12]
 
 
 def _plan(args: argparse.Namespace, hand: Subject | None) -> CapturePlan:
-    from .render import HandWithSkin
+    from .dressed_hand import DressedHand
 
     settings: dict[str, Any] = {field.name: getattr(args, field.name) for field in fields(CapturePlan)}
-    settings["person"] = hand.skin.person if isinstance(hand, HandWithSkin) else find_person(args.person)
+    settings["person"] = hand.textures.person if isinstance(hand, DressedHand) else find_person(args.person)
     return CapturePlan(**settings)
 
 
@@ -135,12 +137,13 @@ def _hand(args: argparse.Namespace) -> Subject | None:
     from .hand_materials import materials_path
     from .render import HandWithMaterials
 
-    is_avatar = args.person.lower().endswith(".safetensors")
+    avatar = avatar_path(args.person)
+    is_avatar = avatar.suffix.lower() == ".safetensors" and args.person not in PERSONS
     if args.hand is None or is_builtin_hand(args.hand):
         if args.look is not None:
             raise LiveHandError("--look belongs to a hand of your own; pass that hand with --hand")
         if is_avatar:
-            return _in_skin_of(Path(args.person), load_hand_model(args.hand or DEFAULT_HAND))
+            return _in_skin_of(avatar, load_hand_model(args.hand or DEFAULT_HAND))
         return load_hand_model(args.hand) if args.hand else None
     if is_avatar:
         raise LiveHandError(f"an avatar's person has the built-in hand, got --hand {args.hand}; leave one of both out")
@@ -150,9 +153,9 @@ def _hand(args: argparse.Namespace) -> Subject | None:
     return HandWithMaterials(load_hand_model(args.hand), materials if materials.is_file() else None)
 
 
-def _in_skin_of(path: Path, model: HandModel) -> HandWithSkin:
+def _in_skin_of(path: Path, model: HandModel) -> DressedHand:
     from ...backend.avatars.file import load_avatar
-    from ...backend.avatars.worn_skin import worn_skin
-    from .render import HandWithSkin
+    from ...backend.avatars.worn_textures import worn_textures
+    from .dressed_hand import DressedHand
 
-    return HandWithSkin(model, worn_skin(load_avatar(path), model))
+    return DressedHand(model, worn_textures(load_avatar(path), model))

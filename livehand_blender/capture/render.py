@@ -10,7 +10,6 @@ from typing import Protocol
 import bpy
 from tqdm import tqdm
 
-from ...backend.avatars.worn_skin import WornSkin
 from ...backend.batch.frame_file import is_finished
 from ...backend.capture.capture import (
     Capture,
@@ -32,12 +31,12 @@ from ...backend.system.files import replacing
 from ...backend.teacher.detailed_surface import detailed_surface
 from ..scene.file_paths import output_path
 from .bake import bake_skin
+from .dressed_hand import DressedHand, dressed_surface
 from .lit_image import LitImages, is_complete_picture
 from .own_surface import OwnSurface
 from .scene import capture_scene, set_camera
 from .skin import SkinTone, baked_material
 from .surface import SkinSurface
-from .worn_material import worn_material
 
 SURFACE_FILE = "surface.npz"
 """Of the surface that a capture shows, in its folder."""
@@ -51,15 +50,7 @@ class HandWithMaterials:
     materials: Path | None
 
 
-@dataclass(frozen=True)
-class HandWithSkin:
-    """A built-in hand model in the skin of one person, who has an avatar."""
-
-    model: HandModel
-    skin: WornSkin
-
-
-Subject = HandWithMaterials | HandWithSkin | HandModel
+Subject = HandWithMaterials | DressedHand | HandModel
 """Whose hand a capture shows: one of your own, an avatar's person's, or a built-in model's in the plan's skin."""
 
 
@@ -107,8 +98,8 @@ def render_capture(
 
 def _surface_of(subject: Subject, person: Person) -> StoredSurface | None:
     """Return the surface that the capture will show, with all of its arrays; None for materials of its own."""
-    if isinstance(subject, HandWithSkin):
-        return subject.skin.surface
+    if isinstance(subject, DressedHand):
+        return subject.textures.surface
     known = None if isinstance(subject, HandWithMaterials) else surface_of_person(person, subject.sha256)
     return None if known is None else whole_surface(known)
 
@@ -147,8 +138,8 @@ def _image_key(view: CaptureView) -> tuple:
 def _posable(subject: Subject, person: Person, maps_folder: Path) -> Surface:
     if isinstance(subject, HandModel):
         return builtin_surface(subject, person, maps_folder)
-    if isinstance(subject, HandWithSkin):
-        return worn_surface(subject.model, subject.skin)
+    if isinstance(subject, DressedHand):
+        return dressed_surface(subject, maps_folder)
     if subject.materials:
         return OwnSurface.of_materials(subject.model, subject.materials)
     return OwnSurface.plain(subject.model, SkinTone.of(person))
@@ -168,14 +159,6 @@ def builtin_surface(
     surface, tone = SkinSurface.create(model, detailed_surface(model), person.veins_mm), SkinTone.of(person)
     maps = bake_skin(surface.object, maps_folder, tone)
     surface.object.data.materials.append(baked_material(maps, tone, factor))
-    return surface
-
-
-def worn_surface(model: HandModel, skin: WornSkin) -> SkinSurface:
-    """Add the detailed hand to the scene, in the skin of one person."""
-    detail = detailed_surface(model).with_veins(model, skin.vein)
-    surface = SkinSurface.create(model, detail, skin.person.veins_mm)
-    surface.object.data.materials.append(worn_material(skin))
     return surface
 
 

@@ -15,6 +15,7 @@ from typing import ClassVar
 import bpy
 import numpy as np
 
+from ...backend.avatars.worn_textures import SCATTERED_IN_NAILS
 from ...backend.capture.person import Person
 from ...backend.surface.detail_maps import DORSAL_MM, PALMAR_MM
 from ...backend.surface.detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
@@ -129,7 +130,7 @@ class SkinChannels:
 
 
 @dataclass(frozen=True)
-class SkinShape:
+class PosedRelief:
     """The skin of a pose but for its colour, as sockets of one graph.
 
     Attributes:
@@ -311,11 +312,11 @@ def shade(
     colour = graph.mix(in_fold, graph.mix(blanch, channels.albedo, tone.blanch), tone.fold)
     if factor is not None:
         colour = graph.mix(1.0, graph.mix(1.0, colour, factor, "MULTIPLY"), (_MOST_ALBEDO,) * 3, "DARKEN")
-    shape = SkinShape(channels.relief, dorsal, palmar, channels.roughness, channels.subsurface)
+    shape = PosedRelief(channels.relief, dorsal, palmar, channels.roughness, channels.subsurface)
     connect_skin(graph, shader, colour, shape, tone)
 
 
-def connect_skin(graph: NodeGraph, shader: bpy.types.Node, colour: Socket, shape: SkinShape, tone: SkinTone) -> None:
+def connect_skin(graph: NodeGraph, shader: bpy.types.Node, colour: Socket, shape: PosedRelief, tone: SkinTone) -> None:
     """Drive a Principled BSDF by a colour and all else.
 
     Light is scattered less where parts run into each other (`crossing`): it would end inside the other part, and red,
@@ -346,7 +347,7 @@ def connect_skin(graph: NodeGraph, shader: bpy.types.Node, colour: Socket, shape
 
 def nail_subsurface(graph: NodeGraph, nail: Socket, along: Socket) -> Socket:
     """Return the weight of the subsurface lobe: less in nails, and more again at their free edge."""
-    return graph.one_minus(graph.product(nail, graph.smooth(along, 0.86, 0.94, 0.6, 0.2)))
+    return graph.one_minus(graph.product(nail, graph.smooth(along, 0.86, 0.94, 1 - SCATTERED_IN_NAILS, 0.2)))
 
 
 def baked_material(maps: dict[str, Path], tone: SkinTone, factor: bpy.types.Image | None = None) -> bpy.types.Material:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...surface.shading_detail import FOLD_LOG_ALBEDO
+from ..shading_detail import FOLD_LOG_ALBEDO
 from .drawn_relief import DrawnRelief
 from .hand_chart import THUMB, HandChart, bump, smoothstep
 from .look import PersonLook
