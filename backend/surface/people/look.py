@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -74,7 +75,7 @@ class PersonLook:
     nails: float
 
     @classmethod
-    def of(cls, seed: int, given: dict[str, float | None]) -> PersonLook:
+    def of(cls, seed: int, given: Mapping[str, float | None]) -> PersonLook:
         """Complete what is given: what is not is drawn from the seed, by the age.
 
         Args:
@@ -136,11 +137,11 @@ def checked_number(name: str, value: float) -> float:
     return float(value)
 
 
-def _drawn(seed: int, given: dict[str, float]) -> dict[str, float]:
+def _drawn(seed: int, given: Mapping[str, float]) -> dict[str, float]:
     random = np.random.default_rng([seed, 1])
     age, tone, chance = random.uniform(20, 75), random.choice([0.05, 0.3, 0.6, 1.0]), random.random(6)
     aged = (given.get("age", age) - _YOUNG) / (_OLD - _YOUNG)
-    build = given.get("build", random.choice([_WOMAN, _MAN]) + random.normal(0, _BUILD_DEVIATION))
+    build = float(given.get("build", random.choice([_WOMAN, _MAN]) + random.normal(0, _BUILD_DEVIATION)))
     drawn = {
         "age": age,
         "tone": tone + random.normal(0, 0.04),
