@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from ..system.package_files import user_folder
 from .avatar import Avatar
 from .library import SKINS, shipped_avatar_path
 from .network_albedo import FIELD_RESOLUTION, network_albedo
+from .tensors import surface_tensors
 
 MADE_BY = "livehand new-person"
 LOOK_KEY = "look"
@@ -65,6 +66,8 @@ def drawn_avatar(
 
 def record_header(avatar: Avatar, look: PersonLook) -> dict[str, Any]:
     """Write out the header of a drawn person's record."""
+    assert avatar.surface is not None
+    surface, _ = surface_tensors(replace(avatar.surface, arrays={}))
     summary = ", ".join(f"{name} {value:g}" for name, value in look.facts().items())
     provenance = {key: value for key, value in avatar.provenance.items() if key != "look"}
     return {
@@ -73,7 +76,7 @@ def record_header(avatar: Avatar, look: PersonLook) -> dict[str, Any]:
         "hand_sha256": avatar.hand_sha256,
         "provenance": {**provenance, "capture": {"made_by": f"{MADE_BY}: {summary}"}},
         "metrics": avatar.metrics,
-        "surface": {"person": asdict(look.person())},
+        "surface": surface,
         LOOK_KEY: look.facts(),
     }
 
