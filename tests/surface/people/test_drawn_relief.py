@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from livehand.backend.surface.people.drawn_relief import drawn_relief, leather, nail_shape
 from livehand.backend.surface.people.hand_chart import THUMB
-from livehand.tests.person.invented.conftest import RESOLUTION
+from livehand.tests.surface.people.conftest import RESOLUTION
 from scipy.ndimage import gaussian_filter
 
 pytestmark = pytest.mark.slow
