@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -24,15 +25,18 @@ from ..field.sampler import SamplerConfig
 from ..image.superres import SuperResConfig, build_superres
 from ..records.errors import LiveHandError
 from ..records.light import Sky
+from ..surface.people.look import PersonLook
 from ..surface.stored_surface import StoredSurface
 from ..system.files import MIB, check_regular, is_file, replacing
 from ..system.readers import parse_json
+from . import drawn_people
 from .avatar import Avatar, AvatarConfig, build_field
 from .captured_surface import surface_of_provenance
 from .library import shipped_avatar_path
 from .metadata import HEADER_KEY, THUMBNAIL_KEY
 from .tensors import read_surface_tensors, stored_weights, surface_tensors, whole_weights
 
+LOGGER = logging.getLogger(__name__)
 VERSION = 3
 """Of the files that are written; those of versions 1 and 2 are read, too."""
 _SURFACE_KEY = "surface"
@@ -71,6 +75,10 @@ def save_avatar(avatar: Avatar, path: Path) -> None:
     if avatar.surface is not None:
         header[_SURFACE_KEY], arrays = surface_tensors(avatar.surface)
         tensors |= arrays
+    _write(header, tensors, path)
+
+
+def _write(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> None:
     header["checksum"] = _checksum(header, tensors)
     with replacing(path) as temporary:
         temporary.write_bytes(save(tensors, metadata={HEADER_KEY: json.dumps(header, sort_keys=True)}))
@@ -85,6 +93,8 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
     """
     path = Path(path) if path is not None else shipped_avatar_path()
     header, tensors = _read(path)
+    if drawn_people.LOOK_KEY in header:
+        return _kept_person(path, header, tensors)
     missing = sorted(_HEADER_KEYS - header.keys())
     if missing:
         raise LiveHandError(f"{path} must have {', '.join(missing)} in its header, got none; train it again")
@@ -114,6 +124,33 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
                 raise LiveHandError(f"{path}: the weights must be finite, got others in {faulty[0]}; train it again")
     except RuntimeError as error:
         raise LiveHandError(f"{path}: the weights must fit the configuration, got {error}") from error
+    return avatar
+
+
+def write_record(avatar: Avatar, look: PersonLook, path: Path) -> None:
+    """Write a drawn person as numbers and thumbnail alone.
+
+    Raises:
+        LiveHandError: the file cannot be written.
+    """
+    header = {"format_version": VERSION, **drawn_people.record_header(avatar, look)}
+    tensors = {} if avatar.thumbnail is None else {THUMBNAIL_KEY: torch.as_tensor(avatar.thumbnail)}
+    _write(header, tensors, path)
+
+
+def _kept_person(path: Path, header: dict[str, Any], tensors: dict[str, Tensor]) -> Avatar:
+    """Load the avatar of a record, which is made when it is loaded for the first time."""
+    kept = drawn_people.made_path(path, header)
+    if is_file(kept):
+        return load_avatar(kept)
+    thumbnail = tensors[THUMBNAIL_KEY].numpy() if THUMBNAIL_KEY in tensors else None
+    LOGGER.warning("drawing the skin of %s, once: some 20 seconds", header["name"])
+    avatar = drawn_people.made_avatar(path, header, thumbnail, load_avatar)
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        save_avatar(avatar, kept)
+    except (OSError, LiveHandError) as error:
+        LOGGER.warning("%s is drawn anew each time: %s", header["name"], error)
     return avatar
 
 

@@ -1,4 +1,4 @@
-"""The avatars that ship with LiveHand, of the built-in hand, named by their skin."""
+"""The avatars that ship with LiveHand, of the built-in hand: three that were trained, and six people of numbers."""
 
 from __future__ import annotations
 
@@ -10,20 +10,29 @@ from ..hand.model_file import DEFAULT_HAND
 
 Skin = Literal["light", "middle", "deep"]
 SKINS: tuple[Skin, ...] = get_args(Skin)
-PERSONS: dict[Skin, str] = {"light": "Erik", "middle": "Maya", "deep": "Joseph"}
+"""Of the avatars that were trained."""
+Shipped = Literal[Skin, "lena", "tomas", "mei", "ravi", "amara", "samuel"]
+SHIPPED: tuple[Shipped, ...] = get_args(Shipped)
+"""All that ship; those that were not trained are records (`drawn_people`)."""
+PERSONS: dict[Shipped, str] = {
+    "light": "Erik",
+    "middle": "Maya",
+    "deep": "Joseph",
+    **{name: name.capitalize() for name in SHIPPED[len(SKINS) :]},
+}
 """What the people of these avatars are called, who are invented."""
-AVATAR_HELP = f"avatar file, or an avatar that ships with LiveHand: {', '.join(SKINS)} (default: {SKINS[0]})"
+AVATAR_HELP = f"avatar file, or an avatar that ships with LiveHand: {', '.join(SHIPPED)} (default: {SKINS[0]})"
 """Help text of the option `--avatar`."""
 
 
-def shipped_avatar_path(skin: Skin = "light") -> Path:
-    """Return the file of the avatar with this skin."""
+def shipped_avatar_path(skin: Shipped = "light") -> Path:
+    """Return the file of the avatar of this name."""
     return Path(str(resources.files(str(__package__)))) / DEFAULT_HAND / f"{skin}.safetensors"
 
 
-def shipped_skin(path: Path) -> Skin | None:
-    """Return the skin of a shipped avatar's file; None: it did not ship."""
-    return next((skin for skin in SKINS if path.resolve() == shipped_avatar_path(skin).resolve()), None)
+def shipped_skin(path: Path) -> Shipped | None:
+    """Return the name of a shipped avatar's file; None: it did not ship."""
+    return next((skin for skin in SHIPPED if path.resolve() == shipped_avatar_path(skin).resolve()), None)
 
 
 def person_name(path: Path, name: str) -> str:
@@ -33,5 +42,5 @@ def person_name(path: Path, name: str) -> str:
 
 
 def avatar_path(name: str) -> Path:
-    """Return the file of the shipped avatar with this skin; any other name is a path."""
-    return next((shipped_avatar_path(skin) for skin in SKINS if skin == name), Path(name))
+    """Return the file of the shipped avatar of this name; any other name is a path."""
+    return next((shipped_avatar_path(skin) for skin in SHIPPED if skin == name), Path(name))

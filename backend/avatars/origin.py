@@ -59,9 +59,12 @@ def _origin_of(path: Path, mtime_ns: int, size: int) -> Origin:
     metadata = read_metadata(path)
     digest = hashlib.sha256()
     with safe_open(path, framework="numpy") as archive:
-        for name in sorted(set(archive.keys()) - {THUMBNAIL_KEY}):
+        names = sorted(set(archive.keys()) - {THUMBNAIL_KEY})
+        for name in names:
             digest.update(name.encode())
             digest.update(archive.get_tensor(name).tobytes())
+    if not names:
+        digest.update(metadata.made_from.encode())  # a person's numbers are all that a record has
     payload = _hash(digest.digest(), metadata.hand_sha256.encode(), metadata.licence.encode())
     return Origin(metadata.name, metadata.licence, metadata.consent, payload)
 

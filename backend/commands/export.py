@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..avatars.library import SKINS, avatar_path
+from ..avatars.library import SHIPPED, avatar_path
 from ..batch.frame_selection import parse_frames
 from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
@@ -53,8 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--avatar",
         type=avatar_path,
         metavar="NAME|FILE",
-        help=f"fbx, gltf, usd: whose skin the mesh wears: {', '.join(SKINS)} or a file (default: a plain mesh); splats "
-        "of a file of poses: of whom",
+        help=f"fbx, gltf, usd: whose skin the mesh wears: {', '.join(SHIPPED)} or a file (default: a plain mesh); "
+        "splats of a file of poses: of whom",
     )
     parser.add_argument("--texture-size", type=parse_count, metavar="PX", help="of the skin's textures (default: 2048)")
     export_splats.add_arguments(parser)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..avatars.library import SKINS, shipped_avatar_path
+from ..avatars.library import SHIPPED, shipped_avatar_path
 from ..avatars.origin import Origin, joint_payload, read_origin
 from ..batch.content_credentials import SIGNED_SUFFIXES, can_sign, read_manifest
 from ..system.command import Command
@@ -105,7 +105,7 @@ def _watermark_facts(reading: Reading, candidates: Sequence[Origin]) -> dict[str
 
 
 def _avatar_files(named: Sequence[Path]) -> Iterator[Path]:
-    yield from (shipped_avatar_path(skin) for skin in SKINS)
+    yield from (shipped_avatar_path(skin) for skin in SHIPPED)
     for path in named:
         yield from sorted(path.glob("*.safetensors")) if is_folder(path) else (path,)
 

@@ -24,23 +24,24 @@ _FILL = 0.92  # share of the image that the hand takes up
 _SUPERSAMPLING = 2  # sharper than rendering small, because it is closer to the image size of training
 
 
-def with_thumbnail(avatar: Avatar, hand: HandModel, device: str = "auto") -> Avatar:
+def with_thumbnail(avatar: Avatar, hand: HandModel, device: str = "auto", beta: np.ndarray | None = None) -> Avatar:
     """Return the avatar with a new thumbnail.
 
     Args:
         avatar: of `hand`, or of a hand model that differs from it only by a refined surface.
         hand: the hand model to render.
         device: to render on.
+        beta: [10] shape of the person; None: the hand's own, as of all trained avatars.
     """
     renderer = Renderer(replace(avatar, hand_sha256=hand.sha256), hand, device)
-    return replace(avatar, thumbnail=render_thumbnail(renderer))
+    return replace(avatar, thumbnail=render_thumbnail(renderer, beta))
 
 
-def render_thumbnail(renderer: Renderer) -> np.ndarray:
-    """Render [192, 192, 4] uint8: sRGB with straight alpha, top row first."""
+def render_thumbnail(renderer: Renderer, beta: np.ndarray | None = None) -> np.ndarray:
+    """Render [192, 192, 4] uint8: sRGB with straight alpha, top row first; `beta` as in `with_thumbnail`."""
     theta = np.zeros((16, 3))
     theta[0] = matrix_to_axis_angle(upright(renderer.hand.side))
-    pose = HandPose(theta, np.zeros(10), np.zeros(3), renderer.hand.side)
+    pose = HandPose(theta, np.zeros(10) if beta is None else beta, np.zeros(3), renderer.hand.side)
     vertices = posed_vertices(renderer.hand, pose)
     framed = vertices[renderer.hand.for_side(pose.side).framed_vertices]
     camera = fitting_camera(framed, _TOWARDS_CAMERA, (SIDE_PX * _SUPERSAMPLING, SIDE_PX * _SUPERSAMPLING), _FILL)

@@ -7,11 +7,12 @@ details. Weights, atlas and every linear field of the template carry over throug
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from ..geometry.loop import loop_step
 from ..hand.gestures import FingerAxes
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError
@@ -74,6 +75,16 @@ class DetailedSurface:
         `forearm` as in `HandPose`.
         """
         return 1e-3 * self.raised.height_mm(theta, veins_mm, forearm)[:, None] * self.normals
+
+    def with_veins(self, model: HandModel, vein: np.ndarray) -> DetailedSurface:
+        """Return the surface with a person's own veins [K], given at the vertices of any of its subdivisions."""
+        faces, count = model.f, len(model.v_template)
+        while count < len(self.vertices_m):
+            step = loop_step(faces, count)
+            if len(vein) == count:
+                vein = np.bincount(step.row, step.value * vein[step.column], step.vertex_count)
+            faces, count = step.faces, step.vertex_count
+        return replace(self, masks={**self.masks, "vein": vein[:count]})
 
 
 def detailed_surface(model: HandModel, levels: int = 3) -> DetailedSurface:

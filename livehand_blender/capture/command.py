@@ -9,16 +9,20 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from ...backend.avatars.library import avatar_path
 from ...backend.capture.capture import Split
 from ...backend.capture.person import PERSONS, Person, find_person
 from ...backend.capture.plan import CapturePlan
 from ...backend.hand.model import HandModel
+from ...backend.hand.model_file import DEFAULT_HAND
 from ...backend.records.errors import LiveHandError
 from ...backend.surface.skin_version import SKIN_VERSION, skin_version
 from ...backend.system.command import parse_size_px
 
 if TYPE_CHECKING:
-    from .render import HandWithMaterials
+    from ...backend.avatars.worn_textures import WornTextures
+    from .dressed_hand import DressedHand
+    from .render import Subject
 
 _SMALLEST_PX = 16  # of an image's sides: the granularity of the renderer's crop
 
@@ -57,7 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tone",
         default="light",
         metavar="NAME",
-        help=f"whose skin and shape: {', '.join(PERSONS)}, or a JSON file of numbers (default: %(default)s)",
+        help=f"whose skin and shape: {', '.join(PERSONS)}, a JSON file of numbers, or an avatar's "
+        "file or name, whose very person is shown (default: %(default)s)",
     )
     parser.add_argument(
         "--size",
@@ -88,8 +93,8 @@ def run(args: argparse.Namespace) -> dict:
     """Render the capture and return its counts."""
     from .render import render_capture
 
-    plan = _plan(args)
     hand = _hand(args)
+    plan = _plan(args, hand)
     provenance = {"made_by": "livehand capture", "plan": plan.facts(), **_hand_facts(hand, plan.person)}
     capture = render_capture(args.output, plan, provenance, args.threads, hand)
     splits = [split for split in get_args(Split) if capture.is_lit or split != "novel_light"]
@@ -97,10 +102,13 @@ def run(args: argparse.Namespace) -> dict:
     return {"folder": str(args.output), "poses": len(capture.poses), "images": len(capture.views), **counts}
 
 
-def _hand_facts(hand: HandWithMaterials | HandModel | None, person: Person) -> dict[str, str | None]:
+def _hand_facts(hand: Subject | None, person: Person) -> dict[str, str | None]:
     """Describe whose hand it is and which built-in skin, as provenance: captures of different skins are not mixed."""
+    from .dressed_hand import DressedHand
     from .skin import SkinTone
 
+    if isinstance(hand, DressedHand):
+        return {"hand": hand.model.name, SKIN_VERSION: skin_version(), "worn_skin": _digest(hand.textures)}
     tone = {"skin_tone": hashlib.sha256(repr(SkinTone.of(person)).encode()).hexdigest()[:12]}
     if hand is None or isinstance(hand, HandModel):
         name = {"hand": hand.name} if hand else {}
@@ -110,23 +118,44 @@ def _hand_facts(hand: HandWithMaterials | HandModel | None, person: Person) -> d
     return {"hand": hand.model.name, "look_sha256": hashlib.sha256(hand.materials.read_bytes()).hexdigest()}
 
 
-def _plan(args: argparse.Namespace) -> CapturePlan:
+def _digest(textures: WornTextures) -> str:
+    """Return the identity of what a person's networks and surface show together."""
+    return hashlib.sha256((textures.reflectance * 255).round().astype("uint8").tobytes()).hexdigest()[:12]
+
+
+def _plan(args: argparse.Namespace, hand: Subject | None) -> CapturePlan:
+    from .dressed_hand import DressedHand
+
     settings: dict[str, Any] = {field.name: getattr(args, field.name) for field in fields(CapturePlan)}
-    settings["person"] = find_person(args.person)
+    settings["person"] = hand.textures.person if isinstance(hand, DressedHand) else find_person(args.person)
     return CapturePlan(**settings)
 
 
-def _hand(args: argparse.Namespace) -> HandWithMaterials | HandModel | None:
-    """Load the hand of --hand and --look, or the model of a built-in one; None for the default hand."""
+def _hand(args: argparse.Namespace) -> Subject | None:
+    """Load the hand of --hand and --look, or a built-in one, in the skin of --person's avatar; None: the default."""
     from ...backend.hand.model_file import is_builtin_hand, load_hand_model
     from .hand_materials import materials_path
     from .render import HandWithMaterials
 
+    avatar = avatar_path(args.person)
+    is_avatar = avatar.suffix.lower() == ".safetensors" and args.person not in PERSONS
     if args.hand is None or is_builtin_hand(args.hand):
         if args.look is not None:
             raise LiveHandError("--look belongs to a hand of your own; pass that hand with --hand")
+        if is_avatar:
+            return _in_skin_of(avatar, load_hand_model(args.hand or DEFAULT_HAND))
         return load_hand_model(args.hand) if args.hand else None
+    if is_avatar:
+        raise LiveHandError(f"an avatar's person has the built-in hand, got --hand {args.hand}; leave one of both out")
     materials = args.look or materials_path(args.hand)
     if args.look and not materials.is_file():
         raise LiveHandError(f"no look at {materials}; pass the .blend that livehand make-hand wrote")
     return HandWithMaterials(load_hand_model(args.hand), materials if materials.is_file() else None)
+
+
+def _in_skin_of(path: Path, model: HandModel) -> DressedHand:
+    from ...backend.avatars.file import load_avatar
+    from ...backend.avatars.worn_textures import worn_textures
+    from .dressed_hand import DressedHand
+
+    return DressedHand(model, worn_textures(load_avatar(path), model))

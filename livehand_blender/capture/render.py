@@ -31,6 +31,7 @@ from ...backend.system.files import replacing
 from ...backend.teacher.detailed_surface import detailed_surface
 from ..scene.file_paths import output_path
 from .bake import bake_skin
+from .dressed_hand import DressedHand, dressed_surface
 from .lit_image import LitImages, is_complete_picture
 from .own_surface import OwnSurface
 from .scene import capture_scene, set_camera
@@ -49,6 +50,10 @@ class HandWithMaterials:
     materials: Path | None
 
 
+Subject = HandWithMaterials | DressedHand | HandModel
+"""Whose hand a capture shows: one of your own, an avatar's person's, or a built-in model's in the plan's skin."""
+
+
 class Surface(Protocol):
     """A hand in the scene that can be posed."""
 
@@ -62,7 +67,7 @@ def render_capture(
     plan: CapturePlan,
     provenance: dict,
     threads: int | None = None,
-    hand: HandWithMaterials | HandModel | None = None,
+    hand: Subject | None = None,
 ) -> Capture:
     """Render the planned views into the folder, skipping images that are already complete.
 
@@ -71,7 +76,7 @@ def render_capture(
         plan: its poses, cameras and splits.
         provenance: written to its index.
         threads: of Cycles; None: all.
-        hand: your own, or the model of a built-in hand; None: the default one.
+        hand: None: the default one, in the skin of the plan's person.
 
     Raises:
         LiveHandError: the folder holds another capture, or cannot be written.
@@ -91,8 +96,10 @@ def render_capture(
     return capture
 
 
-def _surface_of(subject: HandWithMaterials | HandModel, person: Person) -> StoredSurface | None:
+def _surface_of(subject: Subject, person: Person) -> StoredSurface | None:
     """Return the surface that the capture will show, with all of its arrays; None for materials of its own."""
+    if isinstance(subject, DressedHand):
+        return subject.textures.surface
     known = None if isinstance(subject, HandWithMaterials) else surface_of_person(person, subject.sha256)
     return None if known is None else whole_surface(known)
 
@@ -101,17 +108,12 @@ def render_views(
     capture: Capture,
     views: list[CaptureView],
     plan: CapturePlan,
-    subject: HandWithMaterials | HandModel,
+    subject: Subject,
     threads: int | None,
 ) -> None:
     """Render the views, pose by pose, so that Cycles builds its acceleration structure once per pose."""
     scene = capture_scene(threads)
-    tone = SkinTone.of(plan.person)
-    surface = (
-        _own_surface(subject, tone)
-        if isinstance(subject, HandWithMaterials)
-        else builtin_surface(subject, plan.person, capture.folder / "skin")
-    )
+    surface = _posable(subject, plan.person, capture.folder / "skin")
     lit = LitImages(scene, capture, _model_of(subject)) if capture.is_lit else None
     with tqdm(total=len(views), unit="image", desc="capture") as progress:
         for pose_index, of_pose in groupby(views, lambda view: view.pose_index):
@@ -133,12 +135,18 @@ def _image_key(view: CaptureView) -> tuple:
     return view.pose_index, view.camera_index, view.split
 
 
-def _own_surface(own: HandWithMaterials, tone: SkinTone) -> Surface:
-    return OwnSurface.of_materials(own.model, own.materials) if own.materials else OwnSurface.plain(own.model, tone)
+def _posable(subject: Subject, person: Person, maps_folder: Path) -> Surface:
+    if isinstance(subject, HandModel):
+        return builtin_surface(subject, person, maps_folder)
+    if isinstance(subject, DressedHand):
+        return dressed_surface(subject, maps_folder)
+    if subject.materials:
+        return OwnSurface.of_materials(subject.model, subject.materials)
+    return OwnSurface.plain(subject.model, SkinTone.of(person))
 
 
-def _model_of(subject: HandWithMaterials | HandModel) -> HandModel:
-    return subject.model if isinstance(subject, HandWithMaterials) else subject
+def _model_of(subject: Subject) -> HandModel:
+    return subject if isinstance(subject, HandModel) else subject.model
 
 
 def builtin_surface(

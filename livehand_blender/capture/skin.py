@@ -10,11 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from math import pi
 from pathlib import Path
+from typing import ClassVar
 
 import bpy
 import numpy as np
 
+from ...backend.avatars.worn_textures import SCATTERED_IN_NAILS
 from ...backend.capture.person import Person
+from ...backend.surface.detail_maps import DORSAL_MM, PALMAR_MM
 from ...backend.surface.detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
 from .node_graph import NodeGraph, Socket, enable_nodes
 
@@ -28,7 +31,7 @@ RIDGE_SPACING_MM = 0.48
 _FEATURES = ("nail_polish", "folds", "freckles")  # of a tone, beside its colours
 # What the blood of a usual skin absorbs, as the exponent of a colour: of green most.
 _BLOOD = np.array([0.03, 0.38, 0.58])
-_POLISH_ROUGHNESS = 0.08
+NAIL_ROUGHNESS, _POLISH_ROUGHNESS = 0.22, 0.08
 _MOST_ALBEDO = 0.95
 _LINES_MM = 0.079  # how deep the fine lines of the back are where they are strongest
 # Their nets: cells per mm along and across the digits, strength where they are weak and strong, half a width in cells.
@@ -63,6 +66,8 @@ class SkinTone:
     nail_polish: tuple[float, float, float] | None = None
     folds: float = 1.0
     freckles: float = 1.0
+    blanched: ClassVar[float] = 0.42
+    """Share of `blanch` in the skin of knuckles that are bent."""
 
     @classmethod
     def of(cls, person: Person) -> SkinTone:
@@ -125,6 +130,25 @@ class SkinChannels:
 
 
 @dataclass(frozen=True)
+class PosedRelief:
+    """The skin of a pose but for its colour, as sockets of one graph.
+
+    Attributes:
+        relief: height of the fine lines, ridges, veins and rims of nails, mm.
+        dorsal: depth of the wrinkles on the back of the joints, 1 at the deepest.
+        palmar: depth of the creases.
+        roughness: of the specular lobe.
+        subsurface: weight of the subsurface lobe.
+    """
+
+    relief: Socket
+    dorsal: Socket
+    palmar: Socket
+    roughness: Socket
+    subsurface: Socket
+
+
+@dataclass(frozen=True)
 class _Noises:
     """Noise of three feature sizes, and how far skin of the back is from its fine lines; shared by the channels."""
 
@@ -146,7 +170,7 @@ def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
     """Build the skin from masks and noise; it is baked, because shading it is slow."""
     masks = {name: graph.attribute(name) for name in MASKS}
     nail = graph.smooth(masks["nailrim"], 1.01, 0.97, 0, 1)
-    nail_roughness = 0.22 if tone.nail_polish is None else _POLISH_ROUGHNESS
+    nail_roughness = NAIL_ROUGHNESS if tone.nail_polish is None else _POLISH_ROUGHNESS
     noises = _Noises.of(graph)
     fold_dorsal, fold_palmar = _folds(graph, masks, noises)
     not_nail = graph.one_minus(nail)
@@ -154,7 +178,7 @@ def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
     return SkinChannels(
         albedo=graph.mix(nail, _skin_colour(graph, masks, noises, tone), _nail_colour(graph, masks, noises, tone)),
         roughness=graph.total(graph.product(roughness, not_nail), graph.product(nail, nail_roughness)),
-        subsurface=graph.one_minus(graph.product(nail, graph.smooth(masks["naily"], 0.86, 0.94, 0.6, 0.2))),
+        subsurface=nail_subsurface(graph, nail, masks["naily"]),
         relief=graph.total(graph.product(_relief(graph, masks, noises), not_nail), _nail_rim(graph, masks)),
         fold_dorsal=graph.product(fold_dorsal, not_nail),
         fold_palmar=fold_palmar,
@@ -278,26 +302,37 @@ def shade(
 ) -> None:
     """Drive a Principled BSDF: the pose (`flex`) fades dorsal folds, deepens palmar creases and blanches knuckles.
 
-    Light is scattered less where parts run into each other (`crossing`): it would end inside the other part, and red,
-    which goes farthest, would leave a teal line. A factor multiplies the colour.
+    A factor multiplies the colour.
     """
     flex = graph.attribute("flex")
-    blanch = graph.product(graph.math("MULTIPLY", channels.knuckle, flex, clamp=True), 0.42)
+    blanch = graph.product(graph.math("MULTIPLY", channels.knuckle, flex, clamp=True), tone.blanched)
     dorsal = graph.product(channels.fold_dorsal, graph.one_minus(graph.product(flex, FLATTENED), clamp=True))
     palmar = graph.product(channels.fold_palmar, graph.total(DEEPENED_FROM, graph.product(flex, DEEPENED_BY)))
     in_fold = graph.math("ADD", graph.product(dorsal, 0.42), graph.product(palmar, 0.45), clamp=True)
     colour = graph.mix(in_fold, graph.mix(blanch, channels.albedo, tone.blanch), tone.fold)
     if factor is not None:
         colour = graph.mix(1.0, graph.mix(1.0, colour, factor, "MULTIPLY"), (_MOST_ALBEDO,) * 3, "DARKEN")
-    depth = graph.total(graph.product(dorsal, 0.36 * tone.folds), graph.product(palmar, 0.55 * tone.folds))
+    shape = PosedRelief(channels.relief, dorsal, palmar, channels.roughness, channels.subsurface)
+    connect_skin(graph, shader, colour, shape, tone)
+
+
+def connect_skin(graph: NodeGraph, shader: bpy.types.Node, colour: Socket, shape: PosedRelief, tone: SkinTone) -> None:
+    """Drive a Principled BSDF by a colour and all else.
+
+    Light is scattered less where parts run into each other (`crossing`): it would end inside the other part, and red,
+    which goes farthest, would leave a teal line.
+    """
+    depth = graph.total(
+        graph.product(shape.dorsal, DORSAL_MM * tone.folds), graph.product(shape.palmar, PALMAR_MM * tone.folds)
+    )
     bump = graph.node("ShaderNodeBump")
     bump.inputs["Strength"].default_value = 1.0
     bump.inputs["Distance"].default_value = 0.001
-    graph.connect(graph.math("SUBTRACT", channels.relief, depth), bump.inputs["Height"])
+    graph.connect(graph.math("SUBTRACT", shape.relief, depth), bump.inputs["Height"])
     inputs = {
         "Base Color": colour,
-        "Roughness": channels.roughness,
-        "Subsurface Weight": channels.subsurface,
+        "Roughness": shape.roughness,
+        "Subsurface Weight": shape.subsurface,
         "Normal": bump.outputs[0],
         "IOR": 1.44,
         "Specular IOR Level": 0.42,
@@ -308,6 +343,11 @@ def shade(
     shader.subsurface_method = "RANDOM_WALK"
     for name, value in inputs.items():
         graph.connect(value, shader.inputs[name])
+
+
+def nail_subsurface(graph: NodeGraph, nail: Socket, along: Socket) -> Socket:
+    """Return the weight of the subsurface lobe: less in nails, and more again at their free edge."""
+    return graph.one_minus(graph.product(nail, graph.smooth(along, 0.86, 0.94, 1 - SCATTERED_IN_NAILS, 0.2)))
 
 
 def baked_material(maps: dict[str, Path], tone: SkinTone, factor: bpy.types.Image | None = None) -> bpy.types.Material:

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from ...backend.avatars.library import SKINS, avatar_path
+from ...backend.avatars.library import SHIPPED, avatar_path
 from ...backend.batch.content_credentials import add_signing_arguments, signing_key
 from ...backend.batch.folders import folders_of, writable_folder
 from ...backend.batch.frame_paths import FORMATS
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--avatar",
         type=avatar_path,
         metavar="NAME|FILE",
-        help=f"{', '.join(SKINS)} or a file (default: the hand's own)",
+        help=f"{', '.join(SHIPPED)} or a file (default: the hand's own)",
     )
     parser.add_argument("--size", type=parse_size_px, metavar="WxH", help="image size, px; default: the scene's")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda", "mps"), help="default: the scene's")

@@ -25,6 +25,12 @@ _SKINS = (
     ("light", "Erik", "A man with light skin", "NONE", 0),
     ("middle", "Maya", "A woman with brown skin", "NONE", 2),
     ("deep", "Joseph", "An old man with deep brown skin and light palms", "NONE", 1),
+    ("lena", "Lena", "A woman of 24 with light, freckled skin", "NONE", 3),
+    ("tomas", "Tomas", "A man of 58 with broad hands, light skin and hair", "NONE", 4),
+    ("mei", "Mei", "A woman of 36 with slender hands and tan skin", "NONE", 5),
+    ("ravi", "Ravi", "A man of 31 with brown skin", "NONE", 6),
+    ("amara", "Amara", "A woman of 45 with deep brown skin", "NONE", 7),
+    ("samuel", "Samuel", "A man of 74 with deep brown skin, veins and folds", "NONE", 8),
 )
 _SIDES = (("right", "Right", "A right hand"), ("left", "Left", "A left hand"))
 _DEVICES = (

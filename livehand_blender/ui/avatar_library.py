@@ -9,7 +9,7 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from ...backend.avatars.library import SKINS, shipped_avatar_path
+from ...backend.avatars.library import SHIPPED, shipped_avatar_path
 from ...backend.avatars.metadata import AvatarMetadata, read_metadata
 from ...backend.records.errors import LiveHandError
 from ..render.hand_source import hand_source
@@ -80,7 +80,7 @@ def _premultiplied(thumbnail: np.ndarray) -> np.ndarray:
 
 
 def _candidates(context: bpy.types.Context, armature: bpy.types.Object) -> Iterator[Path]:
-    yield from map(shipped_avatar_path, SKINS)
+    yield from map(shipped_avatar_path, SHIPPED)
     source = hand_source(armature)
     yield source.avatar_path
     folders = [library_folder(context), avatar_folder(context), source.avatar_path.parent, source.model_path.parent]

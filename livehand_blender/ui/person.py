@@ -14,9 +14,9 @@ from bpy_extras.io_utils import ImportHelper
 from ...backend.person.command import start_person
 from ...backend.person.invented.adjust_command import start_adjusting
 from ...backend.person.invented.command import start_new_person
-from ...backend.person.invented.look import ADJUSTABLE, MOST_SEED, NUMBERS, PERSON_NUMBERS
 from ...backend.person.kept_steps import remove_work
 from ...backend.person.sources import FILM_SUFFIXES
+from ...backend.surface.people.look import ADJUSTABLE, MOST_SEED, NUMBERS, PERSON_NUMBERS
 from ...backend.system.child_job import ChildJob
 from ...backend.system.packages import PICTURES, missing_of, missing_requirements
 from ..render.hand_source import hand_source, set_avatar
@@ -196,6 +196,7 @@ class LIVEHAND_OT_new_person(_MakesAvatar, bpy.types.Operator):
     seed: IntProperty(name="Seed", description="Of lines, cells, spots and shape", default=1, min=0, max=MOST_SEED)
     age: _slider("age")
     tone: _slider("tone")
+    build: _slider("build")
     blood: _slider("blood")
     veins: _slider("veins")
     freckles: _slider("freckles")

@@ -12,7 +12,7 @@ import torch
 from livehand.backend.avatars import file as avatar_module
 from livehand.backend.avatars.avatar import PRESETS, Avatar, AvatarConfig, new_avatar
 from livehand.backend.avatars.file import VERSION, load_avatar, read_header, save_avatar
-from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path, shipped_skin
+from livehand.backend.avatars.library import SHIPPED, SKINS, avatar_path, shipped_avatar_path, shipped_skin
 from livehand.backend.avatars.tensors import stored_weights, whole_weights
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
@@ -221,7 +221,7 @@ def test_shipped_avatars_are_of_the_built_in_hand_and_small(skin):
 
 
 def test_an_avatar_that_shipped_is_known_by_its_place(tmp_path):
-    assert [shipped_skin(shipped_avatar_path(skin)) for skin in SKINS] == list(SKINS)
+    assert [shipped_skin(shipped_avatar_path(name)) for name in SHIPPED] == list(SHIPPED)
     assert shipped_skin(tmp_path / "light.safetensors") is None
     assert shipped_skin(shipped_avatar_path().with_name("other.safetensors")) is None
 

@@ -7,13 +7,15 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.avatars.file import load_avatar, save_avatar
-from livehand.backend.avatars.library import PERSONS, SKINS, shipped_avatar_path
+from livehand.backend.avatars.library import PERSONS, SHIPPED, SKINS, shipped_avatar_path
 from livehand.backend.avatars.metadata import read_metadata
 from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender.render.hand_source import hand_source
 from livehand.livehand_blender.ui import avatar_library as library_module
 from livehand.livehand_blender.ui.avatar_library import AvatarLibrary
 from livehand.livehand_blender.ui.avatars import facts
+
+OFFERED = [*SKINS, *(PERSONS[name] for name in SHIPPED[len(SKINS) :])]
 
 
 @pytest.fixture
@@ -40,14 +42,14 @@ def my_folder(tmp_path, monkeypatch):
 
 
 def test_avatars_of_the_same_hand_are_offered(library, right_hand, my_folder):
-    assert [metadata.name for metadata in library.offered(bpy.context, right_hand)] == [*SKINS, "mine"]
+    assert [metadata.name for metadata in library.offered(bpy.context, right_hand)] == [*OFFERED, "mine"]
 
 
 def test_the_chosen_file_and_its_folder_are_offered_once(library, right_hand, tmp_path):
     for name in ("a", "b"):
         save_avatar(replace(load_avatar(), name=name), tmp_path / f"{name}.safetensors")
     right_hand.livehand.avatar_path = str(tmp_path / "b.safetensors")
-    assert [metadata.name for metadata in library.offered(bpy.context, right_hand)] == [*SKINS, "b", "a"]
+    assert [metadata.name for metadata in library.offered(bpy.context, right_hand)] == [*OFFERED, "b", "a"]
 
 
 def test_a_changed_file_is_read_again(library, right_hand, my_folder):

@@ -407,7 +407,7 @@ def test_the_command_passes_its_arguments_to_the_plan(planned, tmp_path):
     assert json.loads(json.dumps(result))["poses"] == 12
     assert result["train"] == 8 * 3
     defaults = parser.parse_args(["-o", "x"])
-    assert command._plan(defaults) == CapturePlan()
+    assert command._plan(defaults, None) == CapturePlan()
 
 
 def test_the_command_passes_its_lights_on(planned, tmp_path):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import bpy
 import pytest
-from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path
+from livehand.backend.avatars.library import SHIPPED, avatar_path, shipped_avatar_path
 from livehand.backend.hand.model_file import DEFAULT_HAND, builtin_hand_path, load_default_hand
 from livehand.backend.image.grade import Grade
 from livehand.backend.records.errors import LiveHandError
@@ -56,7 +56,7 @@ def test_a_file_of_ones_own_that_is_worn_is_kept(armature, tmp_path):
     assert hand_source(armature).avatar_path == tmp_path / "deep.safetensors"
 
 
-@pytest.mark.parametrize("skin", SKINS)
+@pytest.mark.parametrize("skin", SHIPPED)
 def test_a_hand_has_the_avatar_of_its_skin_unless_it_names_a_file(armature, skin):
     armature.livehand.skin = skin
     depsgraph = bpy.context.evaluated_depsgraph_get()

@@ -270,3 +270,14 @@ def _distances_to_mesh(points, vertices, faces, candidates=40):
     flat = np.repeat(points, candidates, 0)
     closest = trimesh.triangles.closest_point(triangles[near.ravel()], flat)
     return np.linalg.norm(closest - flat, axis=1).reshape(-1, candidates).min(1)
+
+
+def test_veins_of_a_person_s_own_are_carried_to_the_surface(surface, hand):
+    across = surface.vertices_m[:, 2]
+    assert np.array_equal(surface.with_veins(hand, across).masks["vein"], across)
+    of_template = hand.v_template[:, 2]
+    refined = surface.with_veins(hand, of_template)
+    assert refined.masks["vein"] == pytest.approx(surface.subdivision @ of_template, abs=1e-12)
+    assert np.array_equal(refined.masks["palm"], surface.masks["palm"])
+    finer = np.concatenate([across, np.ones(7)])  # of a finer subdivision, whose first vertices are these
+    assert np.array_equal(surface.with_veins(hand, finer).masks["vein"], across)

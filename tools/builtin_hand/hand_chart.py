@@ -1,4 +1,4 @@
-"""Makes the chart of the built-in hand (`backend/person/invented/hand_chart.py`) from the teacher's anatomy.
+"""Makes the chart of the built-in hand (`backend/surface/people/hand_chart.py`) from the teacher's anatomy.
 
     python -m livehand.tools.builtin_hand.hand_chart FILE
 
@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from ...backend.hand.model_file import load_default_hand
-from ...backend.person.invented.hand_chart import COORDINATE_STEP_MM, REACH_MM, SHARE_STEP, WHOLE_SHARE
 from ...backend.surface.detail_mesh import DetailTemplate
 from ...backend.surface.detail_surface import load_detail_surface
+from ...backend.surface.people.hand_chart import COORDINATE_STEP_MM, REACH_MM, SHARE_STEP, WHOLE_SHARE
 from ...backend.system.readers import npz_bytes
 from ...backend.teacher.anatomy import DIGITS
 from ...backend.teacher.details import nail_coordinates

@@ -19,8 +19,8 @@ from ...backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_an
 from ...backend.hand.gestures import FingerAxes, theta_of
 from ...backend.hand.model_file import load_default_hand
 from ...backend.hand.poses import POSES
-from ...backend.person.invented.look import PersonLook
-from ...backend.person.invented.new_person import new_person
+from ...backend.person.invented.command import new_person
+from ...backend.surface.people.look import PersonLook
 from ..assets_lock import ROOT
 from .cut import Cut, Draw, FilmSet, eased, side_by_side
 
@@ -69,7 +69,7 @@ def old_and_new_light(film_set: FilmSet) -> Draw:
 def person_by_numbers(film_set: FilmSet, numbers: dict[str, float | None], seed: int) -> Draw:
     """Make a person from numbers, without training, and turn their hand."""
     look = PersonLook.of(seed, numbers)
-    avatar = new_person(load_default_hand(), look, "by numbers", lambda line: None)
+    avatar = new_person(look, "by numbers", lambda line: None)
     return partial(_turned, film_set, api.Person(avatar, load_default_hand()))
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from ...avatars.library import avatar_path
 from ...records.errors import LiveHandError
+from ...surface.people.look import ADJUSTABLE, NUMBERS
 from ...system.child_job import ChildJob, JobProgress, run_job
 from ...system.command import Command
-from .look import ADJUSTABLE, NUMBERS
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:

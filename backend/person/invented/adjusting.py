@@ -14,19 +14,20 @@ import torch
 from torch import Tensor
 
 from ...avatars.avatar import Avatar
+from ...avatars.drawn_people import nearest_base
 from ...avatars.file import load_avatar
 from ...avatars.library import shipped_avatar_path
+from ...avatars.network_albedo import FIELD_RESOLUTION, network_albedo
 from ...capture.person import Person
 from ...hand.model import HandModel
 from ...records.errors import LiveHandError
-from ...render.albedo import FIELD_RESOLUTION, network_albedo
 from ...render.thumbnail import with_thumbnail
 from ...surface.albedo_ratio import MOST_LOG_RATIO, RATIO_ARRAY, RATIO_STEP, ratio_steps
 from ...surface.blood import BLOOD_LOG_ALBEDO
 from ...surface.hair_growth import REGIONS, HairRegion
+from ...surface.people.drawn_surface import USUAL_DENSITY, log_albedo_map
+from ...surface.people.look import ADJUSTABLE, PERSON_NUMBERS, checked_number, numbers_of_age
 from ...surface.stored_surface import StoredSurface
-from .look import ADJUSTABLE, PERSON_NUMBERS, checked_number, numbers_of_age
-from .new_person import USUAL_DENSITY, log_albedo_map, nearest_base
 
 _BARE_RESOLUTION = 512  # of the factor of a person who has none
 _MOST_CLIPPED = 0.01
@@ -70,7 +71,7 @@ def adjusted_person(
     if (person.melanin, person.blood) != (surface.person.melanin, surface.person.blood):
         log_ratio = _log_ratio_of(surface, person, hand)
         if (log_ratio.abs() > MOST_LOG_RATIO).float().mean() > _MOST_CLIPPED:
-            base = nearest_base(person.melanin)
+            base = nearest_base(person.melanin, load_avatar)
             size = len(log_ratio)
             log_ratio = log_ratio + _network_log_albedo(avatar, hand, size) - _network_log_albedo(base, hand, size)
         arrays[RATIO_ARRAY] = ratio_steps(log_ratio).numpy()

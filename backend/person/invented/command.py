@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...records.errors import LiveHandError
+from ...surface.people.look import MOST_SEED, NUMBERS, PersonLook
+
+if TYPE_CHECKING:
+    from ...avatars.avatar import Avatar
 from ...system.child_job import ChildJob, JobProgress, run_job
 from ...system.command import Command
-from .look import MOST_SEED, NUMBERS, PersonLook
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,14 +48,29 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
     look = PersonLook.of(seed, given)
 
     from ...avatars.file import save_avatar
-    from ...hand.model_file import DEFAULT_HAND, load_hand_model
-    from .new_person import new_person
 
-    avatar = new_person(load_hand_model(DEFAULT_HAND), look, args.name or args.output.stem, log)
-    save_avatar(avatar, args.output)
+    save_avatar(new_person(look, args.name or args.output.stem, log), args.output)
     numbers = look.facts()
     summary = ", ".join(f"{name} {numbers[name]:g}" for name in ("seed", *NUMBERS))
     return {"avatar": str(args.output), **numbers, "summary": f"{args.output}: {summary}"}
+
+
+def new_person(look: PersonLook, name: str, log: Callable[[str], None]) -> Avatar:
+    """Make the avatar of a person, relightable and without training, with its thumbnail; `log` is told what begins."""
+    import numpy as np
+
+    from ...avatars.drawn_people import drawn_avatar, nearest_base
+    from ...avatars.file import load_avatar
+    from ...hand.model_file import DEFAULT_HAND, load_hand_model
+    from ...render.thumbnail import with_thumbnail
+
+    hand = load_hand_model(DEFAULT_HAND)
+    log("choosing the nearest base")
+    base = nearest_base(look.tone, load_avatar)
+    log("drawing the skin")
+    avatar = drawn_avatar(hand, look, name, base)
+    log("rendering the thumbnail")
+    return with_thumbnail(avatar, hand, "cpu", np.array(look.person().beta))
 
 
 def _free_seed() -> int:

@@ -9,13 +9,13 @@ from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.person.invented import adjusting
 from livehand.backend.person.invented.adjusting import adjusted_person, current_numbers
-from livehand.backend.person.invented.look import PersonLook
-from livehand.backend.person.invented.new_person import grown
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.render.albedo import vertex_albedo
 from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
 from livehand.backend.surface.blood import BLOOD_LOG_ALBEDO
 from livehand.backend.surface.hair_growth import REGIONS
+from livehand.backend.surface.people.drawn_surface import grown
+from livehand.backend.surface.people.look import PersonLook
 
 
 @pytest.fixture(scope="module")

@@ -4,14 +4,14 @@ import argparse
 
 import numpy as np
 import pytest
+from livehand.backend.avatars.drawn_people import nearest_base
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.metadata import read_metadata
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.person.invented import new_person as making
 from livehand.backend.person.invented.command import COMMAND
-from livehand.backend.person.invented.look import NUMBERS
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.render.albedo import vertex_albedo
+from livehand.backend.surface.people.look import NUMBERS
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def test_numbers_beyond_limits_leave_nothing(run, tmp_path):
 
 @pytest.mark.parametrize(("tone", "base"), [(0.0, "light"), (0.3, "middle"), (0.9, "deep"), (1.2, "deep")])
 def test_the_nearest_base_is_taken(tone, base):
-    assert making.nearest_base(tone).name == base
+    assert nearest_base(tone, load_avatar).name == base
 
 
 @pytest.mark.nightly

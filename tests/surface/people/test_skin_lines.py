@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.invented.skin_lines import palm_creases, plane, veins
+from livehand.backend.surface.people.skin_lines import palm_creases, plane, veins
 from scipy.ndimage import label
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.invented.solid_noise import SolidNoise
+from livehand.backend.surface.people.solid_noise import SolidNoise
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from ...hand.model_file import DEFAULT_HAND, builtin_hand_path
-from ...surface.atlas_texels import AtlasTexels
-from ...surface.detail_mesh import DetailTemplate
+from ..atlas_texels import AtlasTexels
+from ..detail_mesh import DetailTemplate
 
 CHART_FILE = f"chart_of_{DEFAULT_HAND}.npz"
 """Beside the hand model's own."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...surface.shading_detail import FOLD_LOG_ALBEDO
+from ..shading_detail import FOLD_LOG_ALBEDO
 from .drawn_relief import DrawnRelief
 from .hand_chart import THUMB, HandChart, bump, smoothstep
 from .look import PersonLook
@@ -22,14 +22,15 @@ _BACK = np.array([[0.590, 0.338, 0.232], [0.118, 0.0445, 0.0215]], np.float32)  
 _PALM = np.array([[0.735, 0.500, 0.415], [0.455, 0.228, 0.131]], np.float32)
 _ARM = np.array([[0.500, 0.290, 0.195], [0.112, 0.042, 0.0205]], np.float32)
 _NAIL = {
-    "bed": np.array([[0.705, 0.425, 0.350], [0.350, 0.185, 0.132]], np.float32),
-    "moon": np.array([[0.760, 0.580, 0.510], [0.470, 0.330, 0.265]], np.float32),
+    "bed": np.array([[0.705, 0.425, 0.350], [0.335, 0.172, 0.121]], np.float32),
+    "moon": np.array([[0.760, 0.580, 0.510], [0.420, 0.285, 0.225]], np.float32),
     "flush": np.array([[0.620, 0.310, 0.260], [0.280, 0.130, 0.088]], np.float32),
-    "free": np.array([[0.740, 0.650, 0.540], [0.600, 0.520, 0.420]], np.float32),
+    "free": np.array([[0.740, 0.650, 0.540], [0.520, 0.430, 0.340]], np.float32),
     "cuticle": np.array([[0.700, 0.465, 0.370], [0.180, 0.080, 0.045]], np.float32),
 }
 _SPOT = np.array([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]], np.float32)  # of a freckle at its darkest
 _COARSE_FOLD = np.float32(0.65)  # of the folds' colour: blurred, all of it is too much
+_BELOW_PIGMENT = 0.45  # more blood, by place, that shows as much redness through deep pigment as less through light
 _LEAST_BLOOD = -0.30  # against the mean: paler skin would be grey
 _MOON = np.array([0.55, 0.5, 0.1, 0.3, 1.0], np.float32)  # how large half-moons are, by digit
 _HALF_NAIL_MM = np.array([5.5, 6.1, 5.6, 6.0, 7.2], np.float32)  # from its middle to its free end, by digit
@@ -42,7 +43,7 @@ def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, l
     outer = _mixed(look, _BACK) + chart.arm[:, None] * (_mixed(look, _ARM) - _mixed(look, _BACK))
     palm = (0.9 * chart.palm)[:, None]
     skin = outer + palm * (_mixed(look, _PALM) - outer)
-    blood = look.blood - 1 + _blood(chart, noise, look)
+    blood = look.blood - 1 + _blood(chart, noise, look) * (1 + _BELOW_PIGMENT * look.tone * (1 - chart.palm))
     skin = skin + blood[:, None] * BLOOD + _yellow(chart, noise, look)[:, None] * _YELLOW
     skin = skin + _pigment(chart, noise, look)[:, None] * np.array([-0.55, -0.8, -1.0], np.float32)
     skin = skin + (_vein(chart, veins) * (1 - 0.75 * min(look.tone, 1.0)))[:, None] * _VEIN

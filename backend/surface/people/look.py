@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -30,6 +31,7 @@ class NumberSpec(NamedTuple):
 NUMBERS = {
     "age": NumberSpec(18, 90, 30, "years: folds, leather, veins, spots and yellow nails"),
     "tone": NumberSpec(0, 1.2, 0.1, "pigment of the skin, 0 light to 1 deep"),
+    "build": NumberSpec(0, 1, 0.75, "shape, 0 slight to 1 broad: women's hands are near 0.25, men's near 0.75"),
     "blood": NumberSpec(0, 2, 1, "how red the skin is; 1 is usual"),
     "veins": NumberSpec(0, 1, 0.25, "height of the veins, mm"),
     "freckles": NumberSpec(0, 3, 0.5, "strength of freckles and spots; 1 is usual"),
@@ -44,7 +46,12 @@ PERSON_NUMBERS = {"tone": "melanin", "blood": "blood", "veins": "veins_mm", "fol
 """The attributes of `Person` that hold them."""
 MOST_SEED = 2**31 - 1
 _YOUNG, _OLD = 25.0, 80.0
-_SHAPE_DEVIATION, _MOST_SHAPE = 0.6, 1.5
+_SHAPE_DEVIATION, _MOST_SHAPE = 0.4, 2.0
+# Mean shapes: size, girth, finger length, palm breadth, depth, thumb, little finger, 2D:4D, taper, eminences.
+_SLIGHT = np.array([-1.5, -1.2, 0.6, -1.0, -0.6, 0.0, 0.0, 0.5, -0.9, -0.4])
+_BROAD = np.array([0.9, 1.0, -0.4, 0.9, 0.5, 0.0, 0.0, -0.3, 0.5, 0.3])
+_OLD_SHAPE = np.array([0.0, -0.5, 0.0, 0.0, -0.9, 0.0, 0.0, 0.0, 0.0, -1.2])
+_WOMAN, _MAN, _BUILD_DEVIATION = 0.25, 0.75, 0.1
 
 
 @dataclass(frozen=True)
@@ -53,12 +60,13 @@ class PersonLook:
 
     Attributes:
         seed: of everything that no number says: lines, cells, spots, blood, shape.
-        age, tone, blood, veins, freckles, folds, hair, nails: as in `NUMBERS`.
+        age, tone, build, blood, veins, freckles, folds, hair, nails: as in `NUMBERS`.
     """
 
     seed: int
     age: float
     tone: float
+    build: float
     blood: float
     veins: float
     freckles: float
@@ -67,7 +75,7 @@ class PersonLook:
     nails: float
 
     @classmethod
-    def of(cls, seed: int, given: dict[str, float | None]) -> PersonLook:
+    def of(cls, seed: int, given: Mapping[str, float | None]) -> PersonLook:
         """Complete what is given: what is not is drawn from the seed, by the age.
 
         Args:
@@ -93,7 +101,8 @@ class PersonLook:
 
     def person(self) -> Person:
         """Return the numbers of the person's surface."""
-        shape = self.random(0).normal(0, _SHAPE_DEVIATION, 10).clip(-_MOST_SHAPE, _MOST_SHAPE)
+        mean = (1 - self.build) * _SLIGHT + self.build * _BROAD + self.aged * _OLD_SHAPE
+        shape = (mean + self.random(0).normal(0, _SHAPE_DEVIATION, 10)).clip(-_MOST_SHAPE, _MOST_SHAPE)
         return Person(
             melanin=self.tone,
             blood=self.blood,
@@ -128,18 +137,20 @@ def checked_number(name: str, value: float) -> float:
     return float(value)
 
 
-def _drawn(seed: int, given: dict[str, float]) -> dict[str, float]:
+def _drawn(seed: int, given: Mapping[str, float]) -> dict[str, float]:
     random = np.random.default_rng([seed, 1])
     age, tone, chance = random.uniform(20, 75), random.choice([0.05, 0.3, 0.6, 1.0]), random.random(6)
     aged = (given.get("age", age) - _YOUNG) / (_OLD - _YOUNG)
+    build = float(given.get("build", random.choice([_WOMAN, _MAN]) + random.normal(0, _BUILD_DEVIATION)))
     drawn = {
         "age": age,
         "tone": tone + random.normal(0, 0.04),
+        "build": build,
         "blood": 0.8 + 0.4 * chance[0],
         "veins": 0.12 + 0.2 * chance[1] + 0.3 * max(aged, 0),
         "freckles": 1.2 * chance[2] ** 2 + 0.9 * max(aged, 0),
         "folds": 0.8 + 0.2 * chance[3] + 0.7 * max(aged, 0),
-        "hair": 2.0 * chance[4] ** 2,
+        "hair": 2.0 * chance[4] ** 2 * (0.15 + 1.1 * build),
         "nails": 0.5 + 1.0 * chance[5],
     }
     return {name: round(float(np.clip(drawn[name], spec.low, spec.high)), 3) for name, spec in NUMBERS.items()}

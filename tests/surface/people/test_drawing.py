@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.person.invented.drawing import AtlasSizes, drawn_person
-from livehand.backend.person.invented.look import PersonLook
-from livehand.backend.person.invented.new_person import albedo_ratio_arrays
 from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
 from livehand.backend.surface.base_surface import HAIR_FILE, base_arrays
+from livehand.backend.surface.people.drawing import AtlasSizes, drawn_person
+from livehand.backend.surface.people.drawn_surface import albedo_ratio_arrays
+from livehand.backend.surface.people.look import PersonLook
 from livehand.backend.surface.stored_surface import check_arrays
 
 pytestmark = pytest.mark.slow

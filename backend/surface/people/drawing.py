@@ -14,9 +14,9 @@ import torch
 from torch.nn.functional import avg_pool2d, conv2d, interpolate
 
 from ...hand.model import HandModel
-from ...surface.atlas_texels import AtlasTexels
-from ...surface.detail_maps import DORSAL_SHADE, PALMAR_SHADE
-from ...surface.detail_maps_file import (
+from ..atlas_texels import AtlasTexels
+from ..detail_maps import DORSAL_SHADE, PALMAR_SHADE
+from ..detail_maps_file import (
     ATLAS_MM,
     COARSEST_MM,
     FOLD_STEP,
@@ -25,8 +25,8 @@ from ...surface.detail_maps_file import (
     RELIEF_STEP_MM,
     WIDEST_MM,
 )
-from ...surface.detail_mesh import DetailTemplate
-from ...surface.detail_surface import VEIN_STEP, load_detail_surface
+from ..detail_mesh import DetailTemplate
+from ..detail_surface import VEIN_STEP, load_detail_surface
 from .drawn_albedo import drawn_log_albedo, fold_log_albedo
 from .drawn_relief import drawn_relief
 from .hand_chart import HandChart, smoothstep

@@ -5,14 +5,14 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.person.invented.drawn_albedo import drawn_log_albedo
-from livehand.backend.person.invented.drawn_relief import DrawnRelief, drawn_relief
-from livehand.backend.person.invented.hand_chart import HandChart
-from livehand.backend.person.invented.look import PersonLook
-from livehand.backend.person.invented.skin_lines import veins
 from livehand.backend.surface.atlas_texels import AtlasTexels
 from livehand.backend.surface.detail_mesh import DetailTemplate
 from livehand.backend.surface.detail_surface import load_detail_surface
+from livehand.backend.surface.people.drawn_albedo import drawn_log_albedo
+from livehand.backend.surface.people.drawn_relief import DrawnRelief, drawn_relief
+from livehand.backend.surface.people.hand_chart import HandChart
+from livehand.backend.surface.people.look import PersonLook
+from livehand.backend.surface.people.skin_lines import veins
 
 RESOLUTION = 512
 

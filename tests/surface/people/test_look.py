@@ -1,8 +1,8 @@
 """The numbers of invented people: what they may be, and what is drawn where none is given."""
 
 import pytest
-from livehand.backend.person.invented.look import MOST_SEED, NUMBERS, PersonLook
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.surface.people.look import MOST_SEED, NUMBERS, PersonLook
 
 
 def test_what_is_given_stays_and_the_rest_is_drawn_within_its_limits():

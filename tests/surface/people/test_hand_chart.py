@@ -2,7 +2,7 @@
 
 import numpy as np
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.person.invented.hand_chart import THUMB, HandChart, chart_arrays
+from livehand.backend.surface.people.hand_chart import THUMB, HandChart, chart_arrays
 
 DIGITS = {"index": 0, "middle": 1, "pinky": 2, "ring": 3, "thumb": THUMB}
 

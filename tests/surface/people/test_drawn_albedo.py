@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.evaluation.skin_colours import LIGHT_SKIN, lab
-from livehand.backend.person.invented.hand_chart import THUMB
-from livehand.backend.person.invented.look import PersonLook
-from livehand.tests.person.invented.conftest import drawn
-from livehand.tests.person.invented.test_drawn_relief import free_of_joints, high_pass, shared
+from livehand.backend.surface.people.hand_chart import THUMB
+from livehand.backend.surface.people.look import PersonLook
+from livehand.tests.surface.people.conftest import drawn
+from livehand.tests.surface.people.test_drawn_relief import free_of_joints, high_pass, shared
 
 pytestmark = pytest.mark.slow
 

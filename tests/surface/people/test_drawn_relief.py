@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.invented.drawn_relief import drawn_relief, leather, nail_shape
-from livehand.backend.person.invented.hand_chart import THUMB
-from livehand.tests.person.invented.conftest import RESOLUTION
+from livehand.backend.surface.people.drawn_relief import drawn_relief, leather, nail_shape
+from livehand.backend.surface.people.hand_chart import THUMB
+from livehand.tests.surface.people.conftest import RESOLUTION
 from scipy.ndimage import gaussian_filter
 
 pytestmark = pytest.mark.slow

@@ -1,0 +1,158 @@
+"""What a path tracer needs to show the very person of an avatar: their skin as textures over the atlas, unlit.
+
+An avatar holds its skin in parts: what its networks learnt, a factor on that, and detail by size. Here they are put
+together, so that the captures' hand (`livehand_blender/capture`) can wear them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch.nn.functional import avg_pool2d, interpolate
+
+from ..capture.person import Person
+from ..hand.model import HandModel
+from ..records.errors import LiveHandError
+from ..surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
+from ..surface.base_surface import whole_surface
+from ..surface.detail_maps import DORSAL_SHADE, PALMAR_SHADE, PIGMENT_COLOUR
+from ..surface.detail_maps_file import skin_detail_of
+from ..surface.detail_surface import VEIN_STEP
+from ..surface.stored_surface import StoredSurface
+from .avatar import Avatar
+from .file import load_avatar
+from .library import SKINS, shipped_avatar_path
+from .network_albedo import FIELD_RESOLUTION, network_albedo
+
+REFLECTANCE = 0.005, 0.01, 0.02, 0.035, 0.062, 0.095, 0.15, 0.2, 0.25, 0.35, 0.45, 0.56, 0.64, 0.755, 0.86, 0.95
+BASE_COLOR = 0.0097, 0.0187, 0.037, 0.0614, 0.106, 0.151, 0.221, 0.276, 0.332, 0.44, 0.541, 0.644, 0.72, 0.81, 0.9, 0.98
+"""What skin by Cycles' random walk reflects, and by which base color: of the skins that ship by their networks, all
+channels alike; beyond them of a ball of that skin under an even sky."""
+SCATTERED_IN_NAILS = 0.4
+"""Share of light that is scattered under a nail; the rest is reflected at once."""
+_REFLECTED_AT_ONCE = 0.95
+_BOX, _LEAST_SHARE = 23, 1e-3  # texels of a blur of the networks' map: twice of it has a deviation of 5 mm
+
+
+@dataclass(frozen=True)
+class WornTextures:
+    """A person's skin, the row of the smallest v first.
+
+    Attributes:
+        surface: with all of its arrays.
+        reflectance: [R, R, 3] linear, of a straight hand without the shade of its fine folds.
+        network_albedo: [B, B, 3] what the avatar's networks show of it.
+        trained_on: whom the networks know.
+        heights: [R, R, 3] of relief, mm, and of folds and creases, 1 at the deepest.
+        fold_shade: [R, R, 2] of folds and creases that the color lacks, as `shading_detail.FOLD_LOG_ALBEDO` counts it.
+        gloss: [Q, Q, 2] roughness of the skin, and 1 on nails.
+        vein: [N] where veins rise, at the vertices of the second subdivision.
+    """
+
+    surface: StoredSurface
+    reflectance: np.ndarray
+    network_albedo: np.ndarray
+    trained_on: Person
+    heights: np.ndarray
+    fold_shade: np.ndarray
+    gloss: np.ndarray
+    vein: np.ndarray
+
+    @property
+    def person(self) -> Person:
+        """Whose skin it is, in numbers."""
+        return self.surface.person
+
+    def base_color(self, trained_color: np.ndarray, trained_nail: np.ndarray) -> np.ndarray:
+        """Compute the base color [R, R, 3] by which Cycles' skin shows this person.
+
+        Networks show a fold of the palm or a thin finger brighter or darker than an endless flat skin of that color,
+        as it is. What they show of the person whom they know, against that person's color, tells by how much.
+
+        Args:
+            trained_color: [B, B, 3] base color of the person whom the networks know; black beside the skin.
+            trained_nail: [B, B] whether a texel is nail.
+        """
+        is_skin = (trained_color.sum(-1) > 1e-3) & ~trained_nail
+        flat = np.exp(np.interp(np.log(trained_color.clip(1e-4)), np.log(BASE_COLOR), np.log(REFLECTANCE)))
+        excess = np.where(is_skin[..., None], np.log(self.network_albedo.clip(1e-4)) - np.log(flat), 0)
+        resolution = len(self.reflectance)
+        log_reflectance = np.log(self.reflectance) - _widened(_smooth(excess, is_skin), resolution)
+        nail = _widened(self.gloss[..., 1:], resolution)
+        return (1 - nail) * _looked_up(log_reflectance, REFLECTANCE) + nail * _looked_up(log_reflectance, _OF_NAILS)
+
+
+_OF_NAILS = tuple(
+    SCATTERED_IN_NAILS * flat + (1 - SCATTERED_IN_NAILS) * _REFLECTED_AT_ONCE * color
+    for flat, color in zip(REFLECTANCE, BASE_COLOR, strict=True)
+)
+
+
+def worn_textures(avatar: Avatar, hand: HandModel) -> WornTextures:
+    """Put together the skin of an avatar's right hand.
+
+    Args:
+        avatar: relightable, with a surface.
+        hand: its model.
+
+    Raises:
+        LiveHandError: the avatar has no surface, or is of another hand.
+    """
+    if avatar.surface is None or avatar.surface.hand_sha256 != hand.sha256:
+        raise LiveHandError(
+            f"the person must be of an avatar of '{hand.name}' with a surface, '{avatar.name}' is not; use one that "
+            "ships, or of livehand person or new-person"
+        )
+    surface, shown = whole_surface(avatar.surface), network_albedo(avatar, hand, FIELD_RESOLUTION)
+    detail, melanin = skin_detail_of(surface.arrays), surface.person.melanin
+    fine, coarse, resolution = detail.fine, detail.coarse, len(detail.fine.relief_mm)
+    pairs = (fine.relief_mm, coarse.relief_mm), (fine.dorsal, coarse.dorsal), (fine.palmar, coarse.palmar)
+    pigment = (1 - melanin) * fine.pigment_light + melanin * fine.pigment_deep
+    colour = (1 - melanin) * np.array(PIGMENT_COLOUR[0]) + melanin * np.array(PIGMENT_COLOUR[1])
+    log_reflectance = _widened(np.log(shown.clip(1e-4)), resolution) + pigment[..., None] * colour.astype(np.float32)
+    if RATIO_ARRAY in surface.arrays:
+        log_reflectance += _widened(surface.arrays[RATIO_ARRAY] * np.float32(RATIO_STEP), resolution)
+    return WornTextures(
+        surface=surface,
+        reflectance=np.exp(log_reflectance),
+        network_albedo=shown,
+        trained_on=_trained_on(avatar),
+        heights=np.stack([narrow + _widened(wide[..., None], resolution)[..., 0] for narrow, wide in pairs], -1),
+        fold_shade=np.stack([DORSAL_SHADE * fine.dorsal, PALMAR_SHADE * fine.palmar], -1),
+        gloss=np.stack([detail.roughness, detail.nail], -1),
+        vein=surface.arrays["vein"] * np.float32(VEIN_STEP),
+    )
+
+
+def _trained_on(avatar: Avatar) -> Person:
+    """Find the person whom an avatar's networks know: one that ships, or else its own."""
+    assert avatar.surface is not None
+    own = avatar.superres.state_dict()
+    for skin in SKINS:
+        shipped = load_avatar(shipped_avatar_path(skin))
+        theirs = shipped.superres.state_dict()
+        if own.keys() == theirs.keys() and all(torch.equal(own[key], theirs[key]) for key in own) and shipped.surface:
+            return shipped.surface.person
+    return avatar.surface.person
+
+
+def _looked_up(log_reflectance: np.ndarray, reflectance: tuple[float, ...]) -> np.ndarray:
+    return np.exp(np.interp(log_reflectance, np.log(reflectance), np.log(BASE_COLOR))).astype(np.float32)
+
+
+def _smooth(values: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
+    """Blur values [B, B, C] over the skin alone."""
+    weighed = np.concatenate([values, is_skin[..., None]], -1).astype(np.float32)
+    image = torch.as_tensor(weighed).permute(2, 0, 1)[None]
+    for _ in range(2):
+        image = avg_pool2d(image, _BOX, stride=1, padding=_BOX // 2)
+    blurred = image[0].permute(1, 2, 0).numpy()
+    return blurred[..., :-1] / blurred[..., -1:].clip(_LEAST_SHARE)
+
+
+def _widened(image: np.ndarray, resolution: int) -> np.ndarray:
+    """Interpolate [A, A, C] at another resolution."""
+    values = torch.as_tensor(np.ascontiguousarray(image), dtype=torch.float32).permute(2, 0, 1)[None]
+    return interpolate(values, size=(resolution, resolution), mode="bilinear")[0].permute(1, 2, 0).numpy()

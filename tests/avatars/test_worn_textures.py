@@ -1,0 +1,73 @@
+"""A person's skin as a path tracer needs it: what was put together, and which base color reflects as much."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from livehand.backend.avatars.file import load_avatar
+from livehand.backend.avatars.library import shipped_avatar_path
+from livehand.backend.avatars.worn_textures import BASE_COLOR, REFLECTANCE, WornTextures, worn_textures
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
+
+SIZE = 64
+
+
+def reflected(color):
+    return np.exp(np.interp(np.log(color), np.log(BASE_COLOR), np.log(REFLECTANCE)))
+
+
+@pytest.fixture
+def textures(light):
+    """Of a person who is even, and half nail, in networks that show the known person a tenth too bright."""
+    known = np.full((SIZE, SIZE, 3), (0.6, 0.35, 0.25))
+    gloss = np.zeros((SIZE, SIZE, 2), np.float32)
+    gloss[:, SIZE // 2 :, 1] = 1
+    shown = 1.1 * reflected(known)
+    empty = np.zeros((SIZE, SIZE, 3))
+    return WornTextures(light.surface, shown, shown, light.surface.person, empty, empty[..., :2], gloss, np.zeros(1))
+
+
+@pytest.fixture(scope="module")
+def light():
+    return load_avatar(shipped_avatar_path("light"))
+
+
+def test_skin_that_networks_show_as_the_known_person_has_that_person_s_color(textures):
+    known = np.full((SIZE, SIZE, 3), (0.6, 0.35, 0.25))
+    color = textures.base_color(known, np.zeros((SIZE, SIZE), bool))
+    assert color[:, : SIZE // 2 - 1] == pytest.approx(known[:, : SIZE // 2 - 1], rel=2e-3)
+    assert (color[:, SIZE // 2 + 1 :] < known[:, SIZE // 2 + 1 :]).all()  # nails reflect more of theirs
+
+
+def test_darker_skin_needs_a_base_color_that_reflects_so_much_less(textures):
+    known = np.full((SIZE, SIZE, 3), (0.6, 0.35, 0.25))
+    darker = replace(textures, reflectance=0.5 * textures.reflectance)
+    color = darker.base_color(known, np.zeros((SIZE, SIZE), bool))[4, 4]
+    assert reflected(color) == pytest.approx(0.5 * reflected(known[4, 4]), rel=2e-3)
+    assert color[2] / known[4, 4, 2] > 0.5  # little light is scattered far in dark skin
+
+
+def test_beside_the_skin_and_on_nails_nothing_is_learnt_of_networks(textures):
+    known = np.full((SIZE, SIZE, 3), (0.6, 0.35, 0.25))
+    none = textures.base_color(known, np.ones((SIZE, SIZE), bool))
+    assert none[4, 4] == pytest.approx(textures.base_color(np.zeros_like(known), np.zeros((SIZE, SIZE), bool))[4, 4])
+    assert reflected(none[4, 4]) == pytest.approx(textures.reflectance[4, 4], rel=2e-3)
+
+
+@pytest.mark.slow
+def test_an_avatar_s_parts_are_put_together(light, hand):
+    plain = worn_textures(light, hand)
+    assert plain.trained_on == light.surface.person
+    size = len(plain.reflectance)
+    assert plain.heights.shape == (size, size, 3)
+    ratio = np.full((SIZE, SIZE, 3), 20, np.int8)
+    redder = replace(light.surface, arrays={**light.surface.arrays, RATIO_ARRAY: ratio}, person=light.surface.person)
+    dyed = worn_textures(replace(light, surface=redder), hand)
+    np.testing.assert_allclose(dyed.reflectance, plain.reflectance * np.exp(20 * RATIO_STEP), rtol=1e-4)
+    assert np.array_equal(dyed.network_albedo, plain.network_albedo)
+
+
+def test_an_avatar_without_a_surface_is_refused(light, hand):
+    with pytest.raises(LiveHandError, match="with a surface, 'light' is not"):
+        worn_textures(replace(light, surface=None), hand)
