@@ -6,8 +6,8 @@ import argparse
 from collections import Counter
 from pathlib import Path
 
-from ...records.errors import LiveHandError
-from ...system.command import Command
+from ..records.errors import LiveHandError
+from ..system.command import Command
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,9 +34,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ...hand.model_file import builtin_hand_path, load_hand_model, load_hands_mean
-    from .transforms import read_pose_table
-    from .transforms_capture import import_transforms
+    from ..hand.model_file import builtin_hand_path, load_hand_model, load_hands_mean
+    from ..capture.importers.transforms import read_pose_table
+    from ..capture.importers.transforms_capture import import_transforms
 
     if not args.metres_per_unit > 0:
         raise LiveHandError(f"--metres-per-unit must be above 0, got {args.metres_per_unit}")

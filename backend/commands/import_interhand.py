@@ -7,7 +7,7 @@ from dataclasses import fields
 from functools import partial
 from pathlib import Path
 
-from ...system.command import Command, parse_count
+from ..system.command import Command, parse_count
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,8 +43,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ...hand.model_file import load_hand_model, load_hands_mean
-    from .interhand_capture import InterHandRequest, import_interhand
+    from ..hand.model_file import load_hand_model, load_hands_mean
+    from ..capture.importers.interhand_capture import InterHandRequest, import_interhand
 
     args.annotations = args.annotations or args.root / "annotations"
     request = InterHandRequest(**{field.name: getattr(args, field.name) for field in fields(InterHandRequest)})
