@@ -80,7 +80,7 @@ def test_a_jump_is_told_where_times_are_known(closing, hand):
     jumping = replace(closing, poses=tuple(poses))
     assert capture_doubt(jumping, hand) is None
     assert "wrist turns by" in capture_doubt(jumping, hand, np.arange(20) / 30)
-    steps = [replace(pose, transl=pose.transl + [2.0 * index, 0, 0]) for index, pose in enumerate(closing.poses)]
+    steps = [replace(pose, transl=pose.transl + 2.0 * index * np.eye(3)[0]) for index, pose in enumerate(closing.poses)]
     fast = capture_doubt(replace(closing, poses=tuple(steps)), hand, np.arange(20) / 30)
     assert "the wrist moves at 60 m/s: the unit or the rate may be another" in fast
 

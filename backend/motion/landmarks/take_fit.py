@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ..motion import HandMotion, mirrored
 from ..resampling import sampled_at, smoothed
 from .articulation import NaturalPoses, all_angles
 from .camera_fit import CameraPoses, CameraProblem, FitWeights, Sighting2D, at_nodes
-from .initial_pose import backwards_bend_rad
+from .initial_pose import MirrorSigns, mirror_signs
 from .lifting import LiftedLandmarks, Lifting, mediapipe_lifting
 from .skeleton import HandSkeleton
 
@@ -75,7 +75,7 @@ class TakeFit:
         fit_error: [F] root mean square distance of the hand from the landmarks in the picture, as a share of its size;
             1 where nothing was seen.
         rejected: frames of the film whose landmarks were taken for mistakes.
-        backwards_rad: how far the landmarks' fingers bend backwards on average, as a mirrored hand's do; 0: not.
+        mirror: what of the landmarks is as if mirrored.
     """
 
     motion: HandMotion
@@ -83,7 +83,7 @@ class TakeFit:
     is_keyed: np.ndarray
     fit_error: np.ndarray
     rejected: int
-    backwards_rad: float = 0.0
+    mirror: MirrorSigns = field(default_factory=MirrorSigns)
 
 
 def fit_take(
@@ -121,7 +121,7 @@ def fit_take(
     fit_error, rejected = np.concatenate([part[1] for part in parts]), sum(part[2] for part in parts)
     frames = np.concatenate([np.arange(segment.start, segment.stop) for segment in _segments(seen)])
     fit = _at_equal_steps(motion_of(poses, skeleton, beta, side, fps), fit_error, seen.times[frames], rejected)
-    return replace(fit, backwards_rad=backwards_bend_rad(seen.world[seen.is_seen], skeleton))
+    return replace(fit, mirror=mirror_signs(seen.world[seen.is_seen], skeleton))
 
 
 def motion_of(
