@@ -24,6 +24,7 @@ MOST_FIT_ERROR = 0.06
 """Fit error above which a frame's landmarks are taken for a mistake."""
 _STEPS = 20
 _STEADY_S = 0.05  # deviation of the smoothing of all turns: a third less jitter; bends change by a tenth of a degree
+_WEIGHTS = FitWeights(prior=0.3)  # frame after frame, with less to go by, natural poses must count fully
 _PALM = (1, 5, 9, 13)
 _SCALES = (0.2, 5.0)
 _LEAST_SIZE = 1e-4  # of a hand in the picture, against the focal length
@@ -115,7 +116,7 @@ def fit_take(
     """
     skeleton, beta = HandSkeleton.of(model), np.zeros(10) if beta is None else beta
     seen = sighted(hand, times, camera, side, skeleton.offsets(beta), lifting)
-    problem = CameraProblem(seen, skeleton, skeleton.offsets(beta), NaturalPoses.of_library(), weights or FitWeights())
+    problem = CameraProblem(seen, skeleton, skeleton.offsets(beta), NaturalPoses.of_library(), weights or _WEIGHTS)
     parts = [_fitted(_cut(problem, frames)) for frames in _segments(seen)]
     poses = CameraPoses(*(np.concatenate(column) for column in zip(*(part[0] for part in parts), strict=True)))
     fit_error, rejected = np.concatenate([part[1] for part in parts]), sum(part[2] for part in parts)
