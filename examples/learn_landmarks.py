@@ -203,7 +203,7 @@ def train(paths: list[Path], held_out: int = 1000) -> None:
                 f"{step}: joints off by {points:.3f} of the hand's radius ({raw:.3f} before), angles {angles:.2f} deg"
             )
     scale = np.concatenate([deviation, deviation])
-    arrays = {"centre": centre, "spread": spread}
+    arrays = {"centre": centre, "spread": spread, "usual_mean": mean[42:], "usual_sd": deviation[42:]}
     for number, layer in enumerate((*layers, last)):
         weight, bias = layer.weight.detach().numpy(), layer.bias.detach().numpy()
         if layer is last:

@@ -63,19 +63,24 @@ class Fitting:
             return newest
 
     def _run(self) -> None:
+        try:
+            self._follow()
+        finally:
+            self._give(None)
+
+    def _follow(self) -> None:
         fits: dict[int, OnlineFit] = {}
         while not self._tracker.has_ended:
-            frame = self._tracker.newest()
+            frame = self._tracker.newest(wait_s=1.0)
             if frame is None:
-                time.sleep(0.001)
                 continue
             for hand in frame.hands:
                 guessed = FilmCamera.guessed(frame.size_px)
-                fit = fits.setdefault(hand.track, OnlineFit(guessed, HAND, "right" if hand.right > 0.5 else "left"))
-                seen = fit.follow(frame.time_s, hand.px, hand.world)
+                if hand.track not in fits:
+                    fits[hand.track] = OnlineFit(guessed, HAND, "right" if hand.right > 0.5 else "left")
+                seen = fits[hand.track].follow(frame.time_s, hand.px, hand.world)
                 if seen is not None:
                     self._give((shot_of(seen.pose, guessed), frame.taken_s))
-        self._give(None)
 
     def _give(self, newest: tuple[Shot, float] | None) -> None:
         with self._arrived:

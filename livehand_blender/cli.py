@@ -15,14 +15,14 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NoReturn
 
-from ..backend.capture.importers.interhand_command import COMMAND as IMPORT_INTERHAND
-from ..backend.capture.importers.transforms_command import COMMAND as IMPORT_TRANSFORMS
 from ..backend.capture.masks.mask_command import COMMAND as MASK
 from ..backend.commands import export, export_splats
 from ..backend.commands import render_motion as render_poses
 from ..backend.commands.export import COMMAND as EXPORT
 from ..backend.commands.export_options import BLEND, POSES, RIG, RIG_FILE, check_options, check_source
 from ..backend.commands.extract_mesh.command import COMMAND as EXTRACT_MESH
+from ..backend.commands.import_interhand import COMMAND as IMPORT_INTERHAND
+from ..backend.commands.import_transforms import COMMAND as IMPORT_TRANSFORMS
 from ..backend.commands.inspect import COMMAND as INSPECT
 from ..backend.commands.inspect import report
 from ..backend.commands.origin import COMMAND as ORIGIN

@@ -89,9 +89,12 @@ def _avatar_facts(path: Path) -> dict:
 def _capture_facts(folder: Path) -> dict:
     from ..avatars.captured_surface import surface_of_capture
     from ..capture.capture import load_capture
+    from ..hand.model_file import load_default_hand
+    from ..motion.capture_gate import capture_doubt
 
     capture = load_capture(folder)
     surface = surface_of_capture(capture)
+    doubt = capture_doubt(capture, load_default_hand())
     sizes = Counter("x".join(map(str, view.camera.size_px)) for view in capture.views)
     return {
         "kind": "capture",
@@ -104,6 +107,7 @@ def _capture_facts(folder: Path) -> dict:
         "provenance": capture.provenance,
         "surface": _surface_facts(surface),
         **_skin_facts(capture.provenance),
+        **({"check": doubt} if doubt else {}),
     }
 
 

@@ -6,7 +6,8 @@ Limits are wide enough for any hand, so a pose beyond them was misread, mistrack
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from functools import partial
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -31,12 +32,18 @@ _EXTREME_FRAMES = 5  # percentile, from which frames show it most
 _TURN_RAD = np.deg2rad(75.0)  # of a joint from a frame to the next
 _MOST_JUMPS = 0.1  # share of frames; where more jump, they do not follow each other
 _FASTEST_M_S, _FARTHEST_M = 30.0, 50.0  # of a wrist
+# Finger angles whose mean over all frames has an RMS below this probably count from MANO's mean pose: that of natural
+# absolute poses is about 0.3.
+_NEAR_ZERO_RAD = 0.06
+_LEAST_CORRELATION = 0.6  # of the mean with MANO's mean pose, above which angles are probably absolute
+_LEAST_FRAMES_OF_MEAN = 10
 _USUAL_FPS = 30.0
 _LEAST_FRAMES = 8  # of a motion whose frames should follow each other
 _LARGEST_BETA = 6.0
 _FULL_TURN_RAD = 2 * np.pi + 0.1
 
 
+Counted = Literal["frame", "pose"]
 _InFrames = Callable[[np.ndarray], str]
 
 
@@ -98,13 +105,45 @@ def motion_doubts(model: HandModel, motion: HandMotion) -> list[str]:
         motion: absolute, m.
     """
     model = model.for_side(motion.side)
-    found = [*pose_doubts(model, motion), _jumps(motion), _place(model, motion), _shape(motion)]
+    place = _far(model, motion) or _fast(model, motion)
+    found = [*pose_doubts(model, motion), _jumps(motion), place, _shape(motion)]
     return [doubt for doubt in found if doubt]
 
 
-def pose_doubts(model: HandModel, motion: HandMotion, names_frames: bool = True) -> list[str]:
-    """List what speaks against the poses of a motion, in whatever order; empty: nothing."""
-    model, in_frames = model.for_side(motion.side), _in_frames if names_frames else _nowhere
+def unordered_doubts(model: HandModel, motion: HandMotion) -> list[str]:
+    """List what speaks against poses that do not follow each other; empty: nothing."""
+    model = model.for_side(motion.side)
+    found = [*pose_doubts(model, motion, "pose"), _far(model, motion), _shape(motion)]
+    return [doubt for doubt in found if doubt]
+
+
+def mean_doubt(fingers: np.ndarray, has_mean_added: bool, mean: np.ndarray | None) -> str | None:
+    """Word why finger angles [T, 45], rad, are probably not absolute, or are, as is said; None: they agree with it.
+
+    Args:
+        fingers: as they were found.
+        has_mean_added: whether they are said to be absolute.
+        mean: [45] MANO's mean pose for the side of the angles; None: not known.
+    """
+    if len(fingers) < _LEAST_FRAMES_OF_MEAN:
+        return None
+    found = fingers.mean(0)
+    if has_mean_added and np.sqrt((found**2).mean()) < _NEAR_ZERO_RAD:
+        return "the mean of all frames is a flat hand: the angles may count from MANO's mean"
+    if not has_mean_added and mean is not None and np.corrcoef(found, mean)[0, 1] > _LEAST_CORRELATION:
+        return "the mean of all frames is like MANO's mean: the angles may be absolute already"
+    return None
+
+
+def pose_doubts(model: HandModel, motion: HandMotion, counted: Counted | None = "frame") -> list[str]:
+    """List what speaks against the poses of a motion, in whatever order; empty: nothing.
+
+    Args:
+        model: any hand in MANO's format.
+        motion: absolute, m.
+        counted: as what the poses at fault are counted; None: they are not.
+    """
+    model, in_frames = model.for_side(motion.side), partial(_in_frames, counted) if counted else _nowhere
     found = [_angles_in_degrees(motion.theta), *_bend_doubts(model, motion, in_frames), _arm(model, motion, in_frames)]
     return [doubt for doubt in found if doubt]
 
@@ -144,11 +183,11 @@ def _arm(model: HandModel, motion: HandMotion, in_frames: _InFrames) -> str | No
     return f"the wrist bends by up to {degrees:.0f} degrees against the forearm{in_frames(bent > _ARM_RAD)}"
 
 
-def _in_frames(is_in: np.ndarray) -> str:
+def _in_frames(counted: Counted, is_in: np.ndarray) -> str:
     if is_in.all():
         return ""
     first = int(np.argmax(is_in))
-    return f", in {is_in.sum()} of {len(is_in)} frames, first in its frame {first + 1}"
+    return f", in {is_in.sum()} of {len(is_in)} {counted}s, first in its {counted} {first + 1}"
 
 
 def _nowhere(_is_in: np.ndarray) -> str:
@@ -176,14 +215,18 @@ def _jumps(motion: HandMotion) -> str | None:
     )
 
 
-def _place(model: HandModel, motion: HandMotion) -> str | None:
-    """Word a wrist that is farther away or faster than any: the unit may be another."""
+def _far(model: HandModel, motion: HandMotion) -> str | None:
+    """Word a wrist that is farther away than any: the unit may be another."""
     wrists = rest_wrists(model, motion.betas) + motion.transl
     away_m = float(np.linalg.norm(wrists, axis=-1).max())
-    if away_m > _FARTHEST_M:
-        return f"the wrist is up to {away_m:.3g} m away: the unit may be another"
+    return f"the wrist is up to {away_m:.3g} m away: the unit may be another" if away_m > _FARTHEST_M else None
+
+
+def _fast(model: HandModel, motion: HandMotion) -> str | None:
+    """Word a wrist that is faster than any: the unit or the rate may be another."""
     if len(motion) < 2:
         return None
+    wrists = rest_wrists(model, motion.betas) + motion.transl
     speed = np.linalg.norm(np.diff(wrists, axis=0), axis=-1) * (motion.fps or _USUAL_FPS)
     if np.median(speed) > _FASTEST_M_S:
         return f"the wrist moves at {np.median(speed):.3g} m/s: the unit or the rate may be another"

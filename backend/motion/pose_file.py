@@ -12,6 +12,7 @@ import numpy as np
 from ..hand.model import MIRROR_AXIS_ANGLE
 from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
+from .gate import mean_doubt
 from .mano_basis import ManoBasis, require_basis
 from .motion import HandMotion
 from .resampling import sampled_at
@@ -19,13 +20,6 @@ from .spaces import SPACES, Space
 
 Unit = Literal["m", "cm", "mm"]
 METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-
-# Finger angles whose mean over all frames has an RMS below this, rad, probably count from MANO's mean pose: natural
-# absolute poses have an RMS of about 0.3.
-_NEAR_ZERO_RAD = 0.06
-# Finger angles whose mean correlates with MANO's mean pose above this are probably absolute.
-_LEAST_CORRELATION = 0.6
-_LEAST_FRAMES_TO_WARN = 10
 
 
 class NoHandError(LiveHandError):
@@ -139,16 +133,10 @@ class PoseFile:
     def warning(self, basis: ManoBasis | None = None) -> str | None:
         """Word why `has_mean_added` is probably wrong; None if the numbers agree with it or there are too few."""
         raw = self._raw(self.info.side)
-        if self.info.pca_components or len(raw.fingers) < _LEAST_FRAMES_TO_WARN:
+        if self.info.pca_components:
             return None
-        mean = raw.fingers.mean(0)
-        if self.info.has_mean_added and np.sqrt((mean**2).mean()) < _NEAR_ZERO_RAD:
-            return "the mean of all frames is a flat hand: the angles may count from MANO's mean"
-        if not self.info.has_mean_added and basis is not None:
-            expected = basis.for_side(self._side_of_angles(raw)).mean.ravel()
-            if np.corrcoef(mean, expected)[0, 1] > _LEAST_CORRELATION:
-                return "the mean of all frames is like MANO's mean: the angles may be absolute already"
-        return None
+        mean = None if basis is None else basis.for_side(self._side_of_angles(raw)).mean.ravel()
+        return mean_doubt(raw.fingers, self.info.has_mean_added, mean)
 
     def _absolute_fingers(self, basis: ManoBasis | None) -> np.ndarray:
         """Convert the fingers to absolute angles [N, 15, 3], rad."""

@@ -11,6 +11,7 @@ import numpy as np
 from ..capture.capture import Capture, CaptureView, load_capture
 from ..capture.picture import linear_to_srgb, straight
 from ..hand.model import HandModel
+from ..motion.capture_gate import capture_doubt
 from ..records.errors import LiveHandError
 from ..records.hand_picture import BACKGROUND, HAND, UNKNOWN, HandPicture, PicturedHand
 from ..records.shot import HandPose
@@ -59,7 +60,9 @@ def pictures_of_capture(
     pictures = [picture for picture in read if _has_colours(picture)]
     if not any(not picture.is_held_out for picture in pictures):
         raise LiveHandError(f"{folder} must have images in colour to make a person from, got grey ones only")
-    notes = [] if len(pictures) == len(read) else [f"{len(read) - len(pictures)} grey pictures are left out"]
+    doubt = capture_doubt(capture, other or model)
+    notes = [f"check the poses: {doubt}"] if doubt else []
+    notes += [] if len(pictures) == len(read) else [f"{len(read) - len(pictures)} grey pictures are left out"]
     offset_m = None
     if other is not None and other.sha256 != model.sha256:
         log(f"laying the built-in hand over '{other.name}'")

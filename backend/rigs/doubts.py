@@ -56,7 +56,7 @@ def motion_doubts(alignment: RestAlignment, motion: HandMotion) -> str | None:
 def sampled_doubts(alignment: RestAlignment, motion: HandMotion) -> str | None:
     """Join all that speaks against frames here and there of a motion, and its alignment; None: nothing."""
     found = [
-        *gate.pose_doubts(alignment.model, motion, names_frames=False),
+        *gate.pose_doubts(alignment.model, motion, counted=None),
         *fit_doubts(alignment),
         *_missing(alignment),
     ]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..hand.model_file import DEFAULT_HAND, load_hand_model
+from ..motion.landmarks.initial_pose import MirrorSigns
 from ..motion.landmarks.take_file import FilmedTake, unmirrored
 from ..motion.landmarks.take_fit import FilmCamera, TakeFit, fit_take
 from ..motion.motion import HandMotion
@@ -137,7 +138,7 @@ def _write(film: FilmFits, path: Path) -> None:
             fit.motion.fps or film.fps,
             fit.start_s,
             fit.rejected,
-            fit.backwards_rad,
+            *fit.mirror,
         )
     np.savez(path, **arrays)
 
@@ -149,9 +150,14 @@ def read_fits(path: Path) -> FilmFits:
         fits: dict[Side, TakeFit] = {}
         for side in SIDES:
             if f"{side}_theta" in file:
-                fps, start_s, rejected, backwards = file[f"{side}_numbers"].tolist()
+                fps, start_s, rejected, *mirror = file[f"{side}_numbers"].tolist()
                 motion = HandMotion(**{name: file[f"{side}_{name}"] for name in _MOTION}, fps=fps, side=side)
                 fits[side] = TakeFit(
-                    motion, start_s, file[f"{side}_is_keyed"], file[f"{side}_fit_error"], int(rejected), backwards
+                    motion,
+                    start_s,
+                    file[f"{side}_is_keyed"],
+                    file[f"{side}_fit_error"],
+                    int(rejected),
+                    MirrorSigns(*mirror),
                 )
     return FilmFits(FilmCamera((int(width), int(height)), focal_px), film_fps, int(count), fits)

@@ -72,7 +72,7 @@ class LiveTracker:
         path = [root, *filter(None, sys.path)]  # an empty one is the current folder
         command = [sys.executable, "-I", "-c", _START, json.dumps(path), json.dumps(order)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        self._lock = threading.Lock()
+        self._changed = threading.Condition()
         self._newest: LiveFrame | None = None
         self._recorded: list[FrameHands] | None = None
         self._failure: str | None = None
@@ -88,16 +88,17 @@ class LiveTracker:
     @property
     def has_ended(self) -> bool:
         """Whether the file that plays is over, and its last frame was taken."""
-        with self._lock:
+        with self._changed:
             return self._has_ended and self._newest is None
 
-    def newest(self) -> LiveFrame | None:
-        """Return the newest frame, once; None if none has come since.
+    def newest(self, wait_s: float = 0.0) -> LiveFrame | None:
+        """Return the newest frame, once; None if none has come since, nor within the time to wait.
 
         Raises:
             LiveHandError: the camera was lost, or the process has died.
         """
-        with self._lock:
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest or self._failure or self._has_ended, wait_s)
             frame, self._newest = self._newest, None
             failure = self._failure
         if frame is None and failure is not None:
@@ -106,12 +107,12 @@ class LiveTracker:
 
     def record(self) -> None:
         """Keep what is seen from now on; pictures are not kept."""
-        with self._lock:
+        with self._changed:
             self._recorded = []
 
     def recorded(self) -> VideoSightings | None:
         """Return what was kept since `record`, which ends; None if nothing was."""
-        with self._lock:
+        with self._changed:
             kept, self._recorded = self._recorded, None
         if not kept:
             return None
@@ -141,18 +142,21 @@ class LiveTracker:
         if "error" in message:
             self._fail(message["error"])
         elif "end" in message:
-            with self._lock:
+            with self._changed:
                 self._has_ended = True
+                self._changed.notify()
         else:
             frame = _frame(message, pipe)
-            with self._lock:
+            with self._changed:
                 self._newest = frame
+                self._changed.notify()
                 if self._recorded is not None and len(self._recorded) < _MOST_RECORDED:
                     self._recorded.append(FrameHands(frame.time_s, frame.size_px, frame.hands))
 
     def _fail(self, failure: str) -> None:
-        with self._lock:
+        with self._changed:
             self._failure = self._failure or failure
+            self._changed.notify()
 
 
 def _frame(message: dict[str, Any], pipe: IO[bytes]) -> LiveFrame:

@@ -157,6 +157,7 @@ def _setup(args: argparse.Namespace, loss: LossConfig, output: Path, device: tor
     from ..capture.check import check_capture
     from ..capture.half_size import half_size
     from ..hand.model_file import DEFAULT_HAND, load_hand_model
+    from ..motion.capture_gate import capture_doubt
     from ..surface.skin_version import is_current_skin
     from .setup import TrainingSetup, load_base_avatar
 
@@ -166,6 +167,8 @@ def _setup(args: argparse.Namespace, loss: LossConfig, output: Path, device: tor
         args.capture = output.with_suffix(".lit")
     capture = load_capture(args.capture)
     check_capture(capture, hand)
+    if doubt := capture_doubt(capture, hand):
+        warn(f"{args.capture}: check the poses: {doubt}")
     if is_current_skin(capture.provenance) is False:
         warn(f"{args.capture} shows the built-in skin of another version, whose detail differs; capture it anew")
     if args.half_size:

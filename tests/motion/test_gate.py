@@ -127,4 +127,4 @@ def test_a_wrist_bent_as_none_can(hand, side):
 def test_poses_in_no_order_are_not_said_to_jump_and_name_no_frames(hand):
     fist, flat = closing()[-1], closing()[0]
     motion = motion_of(np.array([flat, fist] * 4 + [bent(2, flexion=-60.0)[0]]))
-    assert pose_doubts(hand, motion, names_frames=False) == ["index2 bend up to 35 degrees beyond what a hand can"]
+    assert pose_doubts(hand, motion, counted=None) == ["index2 bend up to 35 degrees beyond what a hand can"]

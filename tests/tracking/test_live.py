@@ -43,9 +43,8 @@ def frames_of(tracker, count=10**6):
     """The frames until the end, or so many."""
     found, until = [], time.monotonic() + PATIENCE_S
     while len(found) < count and not tracker.has_ended and time.monotonic() < until:
-        if (frame := tracker.newest()) is not None:
+        if (frame := tracker.newest(wait_s=PATIENCE_S)) is not None:
             found.append(frame)
-        time.sleep(0.002)
     return found
 
 
@@ -87,11 +86,23 @@ def test_picture_and_landmarks_are_of_one_frame_and_the_newest_wins(waved, netwo
 
 
 @pytest.mark.slow
-def test_a_killed_process_is_one_error(watched, waved):
+def test_whoever_waits_is_woken_by_a_frame_and_by_the_end(watched, waved):
     tracker = watched(waved)
+    assert tracker.newest() is None  # the process has only begun
+    began_s = time.monotonic()
+    assert tracker.newest(wait_s=PATIENCE_S) is not None
+    while not tracker.has_ended:
+        tracker.newest(wait_s=PATIENCE_S)
+    assert time.monotonic() - began_s < PATIENCE_S
+
+
+@pytest.mark.slow
+def test_a_killed_process_is_one_error(watched, waved):
+    tracker, began_s = watched(waved), time.monotonic()
     os.kill(tracker.pid, signal.SIGKILL)
     with pytest.raises(LiveHandError, match=r"must go on, it ended \(signal 9\)"):
         frames_of(tracker)
+    assert time.monotonic() - began_s < PATIENCE_S
 
 
 @pytest.mark.slow

@@ -64,7 +64,7 @@ def read_pose_table(path: Path, hands_mean: np.ndarray | None = None) -> PoseTab
     try:
         arrays = read_npz(path)
         theta = np.array(arrays["theta"], float).reshape(-1, 16, 3)
-        beta = np.broadcast_to(np.array(arrays["beta"], float), (len(theta), 10))
+        beta = np.array(np.broadcast_to(arrays["beta"], (len(theta), 10)), float)
         transl = np.array(arrays["transl"], float).reshape(len(theta), 3)
         sides = np.broadcast_to(arrays.get("side", np.array("right")), len(theta))
         times = np.array(arrays["time"], float).reshape(len(theta)) if "time" in arrays else None

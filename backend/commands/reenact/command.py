@@ -52,10 +52,10 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from ...avatars.file import load_avatar
     from ...hand.model_file import DEFAULT_HAND, load_hand_model
     from ...motion.landmarks.take_file import take_doubts
-    from ...motion.landmarks.take_fit import fit_take
     from ...render.renderer import Renderer
     from ...tracking.takes import track_frames
     from ...tracking.tracker import HandTracker
+    from ...tracking.turning_hand.take_shape import fit_with_shape
     from ...tracking.video import open_video
     from ...tracking.weights import load_networks
     from .film_look import measured_look
@@ -71,8 +71,8 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     found = track_frames(frames_of_film(video), HandTracker(load_networks()))
     take = filmed_take(found, video.fps, args.fov, args.video)
     hands = []
-    for side, hand in take.hands.items():
-        fit = fit_take(hand, take.times, take.camera, model, side, take.fps)
+    for side in take.hands:
+        fit = fit_with_shape(take, side, model)
         if doubt := take_doubts(fit, model):
             warn(f"livehand reenact: check the {side} hand: {doubt}")
         hands.append(FilmedShots.of(fit, take.camera, model))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ...geometry.rotation import axis_angle_to_matrix, rotation_between
@@ -12,6 +14,22 @@ from .skeleton import HandSkeleton
 
 _BACKWARDS_RAD = np.deg2rad(20.0)  # fingers on average; flat ones seem to bend a little backwards
 _PALM = (0, 1, 5, 9, 13)  # the wrist and the four knuckles among the nodes
+_PALM_AND_THUMB = (0, 1, 5, 9, 18)  # the wrist, the knuckles of index, middle and little finger, the thumb's second
+_BEHIND = 0.08  # a thumb's second joint lies .24 to .39 before the palm in any pose, flat hands included
+_LEAST_LENGTH = 1e-9
+
+
+class MirrorSigns(NamedTuple):
+    """What shows that landmarks are those of a mirrored hand.
+
+    Attributes:
+        backwards_rad: how far the fingers bend backwards on average; 0: they do not.
+        thumb_behind: how far the thumb lies behind the palm, in the middle of all frames, as a share of the palm's
+            length; 0: it does not.
+    """
+
+    backwards_rad: float = 0.0
+    thumb_behind: float = 0.0
 
 
 def aligned_palm(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -44,11 +62,27 @@ def aligned_bones(
     return free_angles(angles)
 
 
-def backwards_bend_rad(points: np.ndarray, skeleton: HandSkeleton) -> float:
-    """Measure how far the fingers of a right hand's nodes [T, 21, 3] bend backwards, as if mirrored; 0: not."""
+def mirror_signs(points: np.ndarray, skeleton: HandSkeleton) -> MirrorSigns:
+    """Measure what in a right hand's nodes [T, 21, 3] is as if mirrored.
+
+    The thumb decides: a tracker's fingers seem to bend backwards in frames here and there of right takes, too.
+    """
+    behind = -float(np.median(_before_palm(points)))
+    if behind <= _BEHIND:
+        return MirrorSigns()
     root, _ = aligned_palm(points, skeleton.rest)
     free = aligned_bones(points, root, skeleton, np.zeros(10), is_limited=False)
-    return backwards_rad(all_angles(free)[:, :4, :, 0].mean((1, 2)), _BACKWARDS_RAD)
+    bend = backwards_rad(all_angles(free)[:, :4, :, 0].mean((1, 2)), _BACKWARDS_RAD)
+    return MirrorSigns(bend, behind)
+
+
+def _before_palm(points: np.ndarray) -> np.ndarray:
+    """Measure how far before the palm a right hand's thumb lies in nodes [T, 21, 3], as a share [T] of its length."""
+    wrist, index, middle, little, thumb = (points[:, node] for node in _PALM_AND_THUMB)
+    inward = np.cross(index - wrist, little - wrist)
+    inward /= np.maximum(np.linalg.norm(inward, axis=-1, keepdims=True), _LEAST_LENGTH)
+    length = np.maximum(np.linalg.norm(middle - wrist, axis=-1), _LEAST_LENGTH)
+    return ((thumb - wrist) * inward).sum(-1) / length
 
 
 def _bend(wanted: np.ndarray, bone: np.ndarray, flexion: np.ndarray, abduction: np.ndarray) -> np.ndarray:

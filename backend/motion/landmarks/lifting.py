@@ -16,6 +16,7 @@ import numpy as np
 
 _KNUCKLES = (1, 5, 13)  # nodes of index, middle and ring finger: with the wrist, they say where a hand points
 _UNUSUAL = 4.0  # deviations of an input; larger ones are clipped, for the network has not seen them
+_LEAST_SHARE = 0.5  # of an estimate's precision that landmarks give, not the poses of the training
 _FILE = "mediapipe_lifting.npz"
 
 
@@ -43,12 +44,28 @@ focal length, and world landmarks [T, 21, 3] in the camera's axes (OpenCV's), of
 def mediapipe_lifting(picture_points: np.ndarray, world: np.ndarray) -> LiftedLandmarks:
     """Lift MediaPipe's landmarks by the network."""
     view = CanonicalView.of(picture_points)
-    mean, log_sd = _network()(view.features(picture_points, world))
+    network, usual = _network()
+    mean, log_sd = network(view.features(picture_points, world))
     off = mean[:, :42].reshape(-1, 21, 2)
     sd = np.exp(log_sd[:, :42]).reshape(-1, 21, 2).mean(-1)
-    return LiftedLandmarks(
-        view.back(view.shown(picture_points) + off), sd * view.size[:, None], mean[:, 42:], np.exp(log_sd[:, 42:])
-    )
+    free, free_sd = usual.taken_out(mean[:, 42:], np.exp(log_sd[:, 42:]))
+    return LiftedLandmarks(view.back(view.shown(picture_points) + off), sd * view.size[:, None], free, free_sd)
+
+
+class UsualAngles(NamedTuple):
+    """What is known of hands that nobody has seen: means and standard deviations [21], rad, of free angles."""
+
+    mean: np.ndarray
+    sd: np.ndarray
+
+    def taken_out(self, free: np.ndarray, free_sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Reduce estimates [T, 21] to what was seen, by Gaussians: value and standard deviation.
+
+        An estimate is drawn towards what is usual, the less was seen the more: bent fingers come out too straight. A
+        fit has natural poses of its own and would draw them there a second time.
+        """
+        share = np.maximum(1 - (free_sd / self.sd) ** 2, _LEAST_SHARE)
+        return self.mean + (free - self.mean) / share, free_sd / np.sqrt(share)
 
 
 class CanonicalView(NamedTuple):
@@ -118,12 +135,14 @@ class LiftingNetwork(NamedTuple):
 
 
 @cache
-def _network() -> LiftingNetwork:
+def _network() -> tuple[LiftingNetwork, UsualAngles]:
+    """Return the network, and the angles of the poses that it was trained on."""
     with resources.files(str(__package__)).joinpath(_FILE).open("rb") as file, np.load(file) as arrays:
         values = {name: arrays[name].astype(np.float64) for name in arrays.files}
     count = sum(name.startswith("weight") for name in values)
     layers = [tuple(values[f"{kind}{k}"] for k in range(count)) for kind in ("weight", "bias")]
-    return LiftingNetwork(values["centre"], values["spread"], layers[0], layers[1])
+    network = LiftingNetwork(values["centre"], values["spread"], layers[0], layers[1])
+    return network, UsualAngles(values["usual_mean"], values["usual_sd"])
 
 
 def _along_axis(picture_points: np.ndarray) -> np.ndarray:

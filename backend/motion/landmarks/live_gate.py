@@ -13,7 +13,7 @@ from ...records.side import Side
 from ..gate import motion_doubts
 from ..motion import motion_from_poses
 from .camera_fit import at_nodes
-from .initial_pose import backwards_bend_rad
+from .initial_pose import MirrorSigns, mirror_signs
 from .skeleton import HandSkeleton
 
 _WINDOW_S, _EVERY_S = 3.0, 1.0
@@ -27,11 +27,12 @@ def lost_doubt(share: float) -> str | None:
     return f"the hand was not where it seemed in {100 * share:.0f} % of the frames" if share > _WRONG_SHARE else None
 
 
-def backwards_doubt(bend_rad: float) -> str | None:
-    """Word how far a tracker's fingers bend backwards; None: they do not."""
-    if not bend_rad:
-        return None
-    return f"the fingers are seen {np.rad2deg(bend_rad):.0f} degrees bent backwards, as in a mirrored picture"
+def mirror_doubt(signs: MirrorSigns) -> str | None:
+    """Word what of a tracker's hand is as if mirrored; None: nothing."""
+    if signs.backwards_rad:
+        degrees = np.rad2deg(signs.backwards_rad)
+        return f"the fingers are seen {degrees:.0f} degrees bent backwards, as in a mirrored picture"
+    return "the thumb is seen behind the palm, as in a mirrored picture" if signs.thumb_behind else None
 
 
 class _GatedFrame(NamedTuple):
@@ -85,4 +86,4 @@ class LiveGate:
         times = np.array([time_s for time_s, _ in known])
         fps = 1 / float(np.median(np.diff(times))) if len(times) > 1 else None
         motion = motion_from_poses([pose for _, pose in known], fps)
-        return [backwards_doubt(backwards_bend_rad(nodes, self._skeleton)), *motion_doubts(self._model, motion)]
+        return [mirror_doubt(mirror_signs(nodes, self._skeleton)), *motion_doubts(self._model, motion)]

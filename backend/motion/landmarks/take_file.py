@@ -23,7 +23,7 @@ from ..gate import motion_doubts
 from ..motion import FPS_RANGE, MOST_FRAMES, HandMotion
 from ..pose_file import FileInfo, check_changes, with_frames
 from ..resampling import smoothed
-from .live_gate import backwards_doubt, lost_doubt
+from .live_gate import lost_doubt, mirror_doubt
 from .picture_camera import PictureCamera
 from .take_fit import FilmCamera, FilmedHand, TakeFit, fit_take
 
@@ -147,7 +147,7 @@ def _unmirrored_hand(hand: FilmedHand, camera: FilmCamera) -> FilmedHand:
 
 def take_doubts(fit: TakeFit, model: HandModel) -> str | None:
     """Word what the user should look at in a take fitted to a model; None if nothing."""
-    found = [lost_doubt(fit.rejected / len(fit.motion)), backwards_doubt(fit.backwards_rad)]
+    found = [lost_doubt(fit.rejected / len(fit.motion)), mirror_doubt(fit.mirror)]
     return "; ".join([*(doubt for doubt in found if doubt), *motion_doubts(model, fit.motion)]) or None
 
 

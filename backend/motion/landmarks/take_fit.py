@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ..motion import HandMotion, mirrored
 from ..resampling import sampled_at, smoothed
 from .articulation import NaturalPoses, all_angles
 from .camera_fit import CameraPoses, CameraProblem, FitWeights, Sighting2D, at_nodes
-from .initial_pose import backwards_bend_rad
+from .initial_pose import MirrorSigns, mirror_signs
 from .lifting import LiftedLandmarks, Lifting, mediapipe_lifting
 from .skeleton import HandSkeleton
 
@@ -24,6 +24,7 @@ MOST_FIT_ERROR = 0.06
 """Fit error above which a frame's landmarks are taken for a mistake."""
 _STEPS = 20
 _STEADY_S = 0.05  # deviation of the smoothing of all turns: a third less jitter; bends change by a tenth of a degree
+_WEIGHTS = FitWeights(prior=0.3)  # frame after frame, with less to go by, natural poses must count fully
 _PALM = (1, 5, 9, 13)
 _SCALES = (0.2, 5.0)
 _LEAST_SIZE = 1e-4  # of a hand in the picture, against the focal length
@@ -75,7 +76,7 @@ class TakeFit:
         fit_error: [F] root mean square distance of the hand from the landmarks in the picture, as a share of its size;
             1 where nothing was seen.
         rejected: frames of the film whose landmarks were taken for mistakes.
-        backwards_rad: how far the landmarks' fingers bend backwards on average, as a mirrored hand's do; 0: not.
+        mirror: what of the landmarks is as if mirrored.
     """
 
     motion: HandMotion
@@ -83,7 +84,7 @@ class TakeFit:
     is_keyed: np.ndarray
     fit_error: np.ndarray
     rejected: int
-    backwards_rad: float = 0.0
+    mirror: MirrorSigns = field(default_factory=MirrorSigns)
 
 
 def fit_take(
@@ -115,13 +116,13 @@ def fit_take(
     """
     skeleton, beta = HandSkeleton.of(model), np.zeros(10) if beta is None else beta
     seen = sighted(hand, times, camera, side, skeleton.offsets(beta), lifting)
-    problem = CameraProblem(seen, skeleton, skeleton.offsets(beta), NaturalPoses.of_library(), weights or FitWeights())
+    problem = CameraProblem(seen, skeleton, skeleton.offsets(beta), NaturalPoses.of_library(), weights or _WEIGHTS)
     parts = [_fitted(_cut(problem, frames)) for frames in _segments(seen)]
     poses = CameraPoses(*(np.concatenate(column) for column in zip(*(part[0] for part in parts), strict=True)))
     fit_error, rejected = np.concatenate([part[1] for part in parts]), sum(part[2] for part in parts)
     frames = np.concatenate([np.arange(segment.start, segment.stop) for segment in _segments(seen)])
     fit = _at_equal_steps(motion_of(poses, skeleton, beta, side, fps), fit_error, seen.times[frames], rejected)
-    return replace(fit, backwards_rad=backwards_bend_rad(seen.world[seen.is_seen], skeleton))
+    return replace(fit, mirror=mirror_signs(seen.world[seen.is_seen], skeleton))
 
 
 def motion_of(

@@ -8,7 +8,7 @@ import torch
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.camera_fit import at_nodes
-from livehand.backend.motion.landmarks.lifting import CanonicalView, LiftingNetwork, mediapipe_lifting
+from livehand.backend.motion.landmarks.lifting import CanonicalView, LiftingNetwork, UsualAngles, mediapipe_lifting
 from livehand.backend.motion.landmarks.online_fit import OnlineFit
 from livehand.backend.motion.landmarks.take_fit import FilmCamera
 from livehand.tests.builders import joints_as_tracked
@@ -89,6 +89,20 @@ def test_inputs_that_training_never_saw_are_clipped():
     assert network(np.array([[3.0], [5.0], [-1e9]]))[0].ravel().tolist() == [3.0, 4.0, -4.0]
 
 
+def test_what_is_usual_is_taken_out_of_an_estimate():
+    """A measurement that was joined to what is usual comes back out of the estimate; an empty one stays wide."""
+    usual = UsualAngles(np.full(21, 0.4), np.full(21, 0.5))
+    measured, deviation = np.random.default_rng(0).normal(0.4, 0.7, (9, 21)), 0.2
+    precision = 1 / deviation**2 + 1 / usual.sd**2
+    estimate = (measured / deviation**2 + usual.mean / usual.sd**2) / precision
+    free, free_sd = usual.taken_out(estimate, np.broadcast_to(precision**-0.5, (9, 21)))
+    np.testing.assert_allclose(free, measured)
+    np.testing.assert_allclose(free_sd, deviation)
+    free, free_sd = usual.taken_out(np.full((1, 21), 0.5), usual.sd[None])
+    np.testing.assert_allclose(free, 0.6)
+    np.testing.assert_allclose(free_sd, 0.5 / np.sqrt(0.5))
+
+
 def test_joints_that_are_seen_stay_where_they_are(sights):
     lifted = joints_as_tracked(sights["places"], sights["world"], deviation=0.01)
     np.testing.assert_array_equal(lifted.picture_points, sights["places"])
@@ -97,7 +111,7 @@ def test_joints_that_are_seen_stay_where_they_are(sights):
 
 
 def test_lifted_joints_are_nearer_to_the_truth_than_landmarks_and_know_how_near(sights):
-    """Measured on these 60: 0.64 of the landmarks' distance; angles 6 degrees off; deviations right within a third."""
+    """Measured on these 60: 0.64 of the landmarks' distance; angles 8 degrees off; deviations right within a third."""
     lifted = mediapipe_lifting(sights["places"], sights["world"])
     size = CanonicalView.of(sights["places"]).size[:, None]
 
@@ -106,7 +120,7 @@ def test_lifted_joints_are_nearer_to_the_truth_than_landmarks_and_know_how_near(
 
     assert distance(lifted.picture_points) < 0.75 * distance(sights["places"])
     off = lifted.free - sights["free"]
-    assert np.rad2deg(np.abs(off)).mean() < 8
+    assert np.rad2deg(np.abs(off)).mean() < 9
     spread = np.linalg.norm(lifted.picture_points - sights["true"], axis=-1) / lifted.points_sd / np.sqrt(2)
     for sure in (np.sqrt((spread**2).mean()), np.sqrt(((off / lifted.free_sd) ** 2).mean())):
         assert 0.6 < sure < 1.8

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.live_gate import LiveGate
 from livehand.backend.motion.landmarks.online_fit import OnlineFit
+from livehand.backend.motion.landmarks.skeleton import landmarks_of
 from livehand.backend.motion.landmarks.take_file import take_doubts
 from livehand.backend.motion.landmarks.take_fit import FilmedHand, fit_take
 from livehand.backend.records.errors import LiveHandError
@@ -47,6 +49,20 @@ def test_a_mirrored_hand_bends_backwards(filmed):
     hand, motion = filmed
     (doubt,) = said(FilmedHand(hand.frames, hand.px, hand.world * MIRROR_POINT), poses_of(motion))
     assert doubt.endswith("degrees bent backwards, as in a mirrored picture")
+
+
+@pytest.mark.parametrize("name", ["rest", "open", "spread"])
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_mirrored_hand_that_is_flat_has_its_thumb_behind_the_palm(name, side):
+    pose = HandPose(theta_of(GESTURES[name].angles_deg(), FingerAxes.of_default_hand()), np.zeros(10), np.zeros(3))
+    flat = landmarks_of(HAND, pose) * (MIRROR_POINT if side == "left" else 1)
+    shown = pose if side == "right" else pose.mirrored()
+    for points, doubts in (
+        (flat, []),
+        (flat * MIRROR_POINT, ["the thumb is seen behind the palm, as in a mirrored picture"]),
+    ):
+        seen = FilmedHand(np.arange(45), np.zeros((45, 21, 2)), np.repeat(points[None], 45, 0))
+        assert said(seen, [shown] * 45, side) == doubts
 
 
 def test_a_hand_that_is_mostly_lost(filmed):
@@ -99,3 +115,15 @@ def test_a_take_of_a_mirrored_hand(filmed, film_camera):
     broken = FilmedHand(hand.frames, hand.px, np.where(np.arange(45)[:, None, None] == 7, np.nan, hand.world))
     with pytest.raises(LiveHandError, match="must be finite, got NaN"):
         fit_take(broken, times, film_camera, HAND, "right", 30.0)
+
+
+def test_fingers_that_seem_to_bend_backwards_now_and_then_are_no_mirrored_hands(filmed):
+    """A tracker errs so in frames here and there of real films, whose thumb lies where it should."""
+    hand, motion = filmed
+    world = hand.world.copy()
+    palm = world[::6, [0, 5, 17]]
+    inward = np.cross(palm[:, 1] - palm[:, 0], palm[:, 2] - palm[:, 0])
+    inward /= np.linalg.norm(inward, axis=-1, keepdims=True)
+    above = ((world[::6, 6:] - palm[:, :1]) * inward[:, None]).sum(-1, keepdims=True)
+    world[::6, 6:] -= 2 * above * inward[:, None]
+    assert said(FilmedHand(hand.frames, hand.px, world), poses_of(motion)) == []

@@ -30,7 +30,7 @@ def test_poses_and_shape_are_found_in_turn(turning):
     """Where fingers do little but turn with the hand, their bend hides much of their length."""
     film = turning(beta=TRUE, draws=False)
     fit = fit_with_shape(film.take, "right", film.model, joints_as_tracked)
-    assert off_by(film.model, fit.motion.beta) < 0.9 * off_by(film.model, np.zeros(10))
+    assert off_by(film.model, fit.motion.beta) < 0.92 * off_by(film.model, np.zeros(10))
 
 
 def test_the_mean_hand_stays_the_mean_hand(turning):

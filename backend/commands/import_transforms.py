@@ -6,8 +6,8 @@ import argparse
 from collections import Counter
 from pathlib import Path
 
-from ...records.errors import LiveHandError
-from ...system.command import Command
+from ..records.errors import LiveHandError
+from ..system.command import Command, warn
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,18 +34,20 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ...hand.model_file import builtin_hand_path, load_hand_model, load_hands_mean
-    from .transforms import read_pose_table
-    from .transforms_capture import import_transforms
+    from ..capture.importers.transforms import read_pose_table
+    from ..capture.importers.transforms_capture import import_transforms
+    from ..hand.model_file import builtin_hand_path, load_hand_model, load_hands_mean
+    from ..motion.capture_gate import imported_doubt
 
     if not args.metres_per_unit > 0:
         raise LiveHandError(f"--metres-per-unit must be above 0, got {args.metres_per_unit}")
     path = args.hand or builtin_hand_path()
-    poses = read_pose_table(args.poses, load_hands_mean(path) if args.add_hands_mean else None)
+    mean, hand = load_hands_mean(path) if args.add_hands_mean else None, load_hand_model(path)
+    poses = read_pose_table(args.poses, mean)
     capture = import_transforms(
         args.transforms,
         poses,
-        load_hand_model(path),
+        hand,
         args.output,
         args.metres_per_unit,
         args.held_out_poses,
@@ -53,8 +55,17 @@ def _run(args: argparse.Namespace) -> dict:
         args.held_out_lights,
         args.allow_outside,
     )
+    doubt = imported_doubt(capture, hand, mean, poses.times)
+    if doubt:
+        warn(f"livehand import-transforms: {args.output}: check the poses: {doubt}")
     splits = dict(Counter(view.split for view in capture.views))
-    return {"capture": str(args.output), "images": len(capture.views), "poses": len(capture.poses), "splits": splits}
+    return {
+        "capture": str(args.output),
+        "images": len(capture.views),
+        "poses": len(capture.poses),
+        "splits": splits,
+        "check": doubt,
+    }
 
 
 COMMAND = Command("import-transforms", "make a capture of a transforms.json and poses", _add_arguments, _run)

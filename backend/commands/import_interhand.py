@@ -7,7 +7,7 @@ from dataclasses import fields
 from functools import partial
 from pathlib import Path
 
-from ...system.command import Command, parse_count
+from ..system.command import Command, parse_count, warn
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,13 +43,17 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ...hand.model_file import load_hand_model, load_hands_mean
-    from .interhand_capture import InterHandRequest, import_interhand
+    from ..capture.importers.interhand_capture import InterHandRequest, import_interhand
+    from ..hand.model_file import load_hand_model, load_hands_mean
+    from ..motion.capture_gate import imported_doubt
 
     args.annotations = args.annotations or args.root / "annotations"
     request = InterHandRequest(**{field.name: getattr(args, field.name) for field in fields(InterHandRequest)})
     hand, mean = load_hand_model(args.hand, "right"), load_hands_mean(args.hand)
     result = import_interhand(request, hand, mean, args.output)
+    doubt = imported_doubt(result.capture, hand, mean)
+    if doubt:
+        warn(f"livehand import-interhand: {args.output}: check the poses: {doubt}")
     images, poses = len(result.capture.views), len(result.capture.poses)
     return {
         "capture": str(args.output),
@@ -57,6 +61,7 @@ def _run(args: argparse.Namespace) -> dict:
         "poses": poses,
         "grey_images": result.grey_images,
         "unfitted_frames": result.unfitted_frames,
+        "check": doubt,
         "summary": f"{args.output}: {images} images of {poses} poses; skipped: {result.grey_images} grey images, "
         f"{result.unfitted_frames} frames without a fit. Next: livehand mask {args.output} --hand {args.hand}",
     }
