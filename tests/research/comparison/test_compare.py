@@ -20,7 +20,7 @@ from livehand.backend.research.comparison.grid import detailed_part, load_pictur
 from livehand.backend.research.comparison.measures import Measures
 from livehand.backend.research.comparison.misfit import Misfit
 from livehand.backend.research.comparison.page import Line, Page, Table
-from livehand.backend.research.comparison.rows import METHODS, Row, chosen_rows, load_own_method
+from livehand.backend.research.comparison.rows import METHODS, AvatarSettings, Row, chosen_rows, load_own_method
 from livehand.backend.research.comparison.run import Comparison, ComparisonPlan
 from livehand.backend.research.comparison.speed import SpeedPlan
 from livehand.backend.system.command import run_commands
@@ -229,7 +229,10 @@ def test_rows_are_chosen_by_table_and_name(own):
         "default@beta",
         "default@smooth",
     ]
-    assert chosen_rows(("comparison",), ["paper"], samples=16)[0].method.config.sampler.samples_per_ray == 16
+    assert (
+        chosen_rows(("comparison",), ["paper"], avatars=AvatarSettings(16))[0].method.config.sampler.samples_per_ray
+        == 16
+    )
     assert len({method.name for method in METHODS}) == len(METHODS)
     for wrong in ((("tables",), None), (("comparison",), ["nerf"])):
         with pytest.raises(LiveHandError, match="must be of"):
