@@ -49,6 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--mano", type=Path, metavar="FILE", help="pose files: MANO's file, where poses count from its mean"
     )
     parser.add_argument(
+        "--identity", metavar="NAME", help="pose files: whom an avatar of several people shows (default: the first)"
+    )
+    parser.add_argument(
         "--picture",
         type=parse_picture_camera,
         metavar="WxH@DEG",
@@ -81,6 +84,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
         raise LiveHandError("a pose file is rendered alone and in one piece; give one file, and no --jobs or --chunk")
     (path,) = args.shots
     from ..avatars.file import load_avatar
+    from ..avatars.identities import of_identity
     from ..avatars.library import shipped_avatar_path
     from ..avatars.origin import read_origin
     from ..hand.lbs import posed_vertices
@@ -90,6 +94,8 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     from ..render.studio_light import studio_light
 
     avatar, origin = load_avatar(args.avatar), read_origin(args.avatar or shipped_avatar_path())
+    if args.identity:
+        avatar = of_identity(avatar, args.identity)
     hand = load_hand_model(args.hand or DEFAULT_HAND)
     if read is None:
         options = ImportOptions({"side": args.side} if args.side else {}, args.mano, picture_camera=args.picture)
