@@ -86,7 +86,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     from ..avatars.file import load_avatar
     from ..avatars.identities import of_identity
     from ..avatars.library import shipped_avatar_path
-    from ..avatars.origin import read_origin
+    from ..avatars.origin import frame_payload, read_origin
     from ..hand.lbs import posed_vertices
     from ..image.frame_writer import FileWriter
     from ..image.watermark.embedding import watermarked
@@ -103,6 +103,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     else:
         motion, first = read(path, hand), 0
     frames = frame_indices(motion, args.frames, first)
+    payload = frame_payload([origin], args.watermark)
     kinds, signing, text = args.format or ("png",), signing_key(args), origin_text([origin])
     if signing is not None and "png" not in kinds:
         raise LiveHandError(f"frames are signed as PNG, got --format {','.join(kinds)}; add png, or do not sign")
@@ -115,8 +116,8 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
         for number, index in enumerate(frames, 1):
             started, pose = time.perf_counter(), motion.pose(index)
             frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera, light))
-            if args.watermark:
-                frame = replace(frame, rgb=watermarked(frame.rgb, frame.alpha, origin.payload))
+            if payload is not None:
+                frame = replace(frame, rgb=watermarked(frame.rgb, frame.alpha, payload))
 
             def written(place: tuple[int, int] = (first + index + 1, number), started: float = started) -> None:
                 seconds = time.perf_counter() - started
