@@ -10,6 +10,7 @@ import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     kinds, signing, text = args.format or ("png",), signing_key(args), origin_text([origin])
     if signing is not None and "png" not in kinds:
         raise LiveHandError(f"frames are signed as PNG, got --format {','.join(kinds)}; add png, or do not sign")
+    sign = None if signing is None else partial(sign_file, signing=signing, origin=origin_facts([origin]))
     renderer = Renderer(avatar, hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)
     camera = fitting_camera(sampled_vertices(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILL)
@@ -121,15 +123,17 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
 
             def written(place: tuple[int, int] = (first + index + 1, number), started: float = started) -> None:
                 seconds = time.perf_counter() - started
-                if signing is not None:
-                    sign_file(args.output / f"{place[0]:04d}.png", signing, origin_facts([origin]))
                 report.add(path, FrameProgress(*place, len(frames), "written", seconds))
 
-            *others, last = kinds
-            for kind in others:
-                writer.write(frame, args.output / f"{first + index + 1:04d}.{kind}", text=text)
-            writer.write(frame, args.output / f"{first + index + 1:04d}.{last}", written, text)
+            for kind in kinds:
+                path_of_frame = args.output / f"{first + index + 1:04d}.{kind}"
+                then, seal = written if kind == kinds[-1] else _nothing, sign if kind == "png" else None
+                writer.write(frame, path_of_frame, then, text, seal)
     return report.result()
+
+
+def _nothing() -> None:
+    """Do nothing."""
 
 
 def posed_upright(
