@@ -16,6 +16,7 @@ from PIL import Image
 from ..capture.capture import Capture, CaptureView, save_capture_index
 from ..capture.plan import DISTANCE_M, CapturePlan, fibonacci_sphere
 from ..capture.split import split_of
+from ..evaluation.shot_renderer import ShotRenderer
 from ..geometry.mesh_tables import area_weighted_normals
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
@@ -23,7 +24,6 @@ from ..image.decode import srgb_pixels
 from ..records.camera import Camera, look_at
 from ..records.frame import Frame
 from ..records.shot import Shot
-from ..render.renderer import Renderer
 from ..system.files import replacing
 
 _FINER = 2
@@ -90,7 +90,7 @@ def _beyond_wrist(hand: HandModel) -> np.ndarray:
     return np.flatnonzero((hand.v_template - wrist) @ (knuckle - wrist) > 0)
 
 
-def render_capture(capture: Capture, renderer: Renderer, say: Callable[[str], None] = lambda line: None) -> Capture:
+def render_capture(capture: Capture, renderer: ShotRenderer, say: Callable[[str], None] = lambda line: None) -> Capture:
     """Render the pictures that are not there yet in the avatar's own light, and last the index.
 
     Raises:
