@@ -30,7 +30,7 @@ from ..backend.commands.reenact.command import COMMAND as REENACT
 from ..backend.commands.sign import COMMAND as SIGN
 from ..backend.commands.track import COMMAND as TRACK
 from ..backend.commands.warm_up import COMMAND as WARM_UP
-from ..backend.commands.watermark import COMMAND as WATERMARK
+from ..backend.commands.watermark_command import COMMAND as WATERMARK
 from ..backend.evaluation.command import COMMAND as EVALUATE
 from ..backend.evaluation.perceptual.fetch_command import COMMAND as FETCH_PERCEPTUAL
 from ..backend.evaluation.sheet_command import COMMAND as SHEET

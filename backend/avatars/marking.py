@@ -19,6 +19,8 @@ _NEW_MAP = 512  # texels along the map of a surface that had none
 def marked_avatar(avatar: Avatar, payload: bytes) -> Avatar:
     """Return the avatar with these 8 bytes in its header and, if it has a surface, in its map of albedo.
 
+    A surface without a map gets one that changes nothing but by the mark.
+
     Raises:
         LiveHandError: it is marked already.
     """

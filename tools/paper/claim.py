@@ -11,6 +11,7 @@ import csv
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import comb
 from pathlib import Path
 from statistics import fmean
@@ -19,13 +20,34 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from ...backend.avatars.avatar import AvatarConfig
 from ...backend.avatars.file import load_avatar
 from ...backend.hand.model_file import load_default_hand
+from ...backend.image.superres import SuperResConfig
 from ...backend.render.renderer import Renderer
+from ...backend.research.baselines.avatar_rows import AvatarRow
 from ...backend.research.comparison.grid import load_pictures
 from ...backend.research.rendered_capture import CloseUps, render_capture
+from ...backend.training.config import PAPER, LossConfig
 from ...livehand_blender.cli import main as livehand
 from ..results.collect import DATA, ROOT, keep, source
+
+_PATCH_PX = 32
+_FULL = PAPER.loss
+_NONE = replace(_FULL, perceptual=0.0)
+_PATCH = replace(_FULL, perceptual_region="patch", perceptual_patch_px=_PATCH_PX)
+_WITHOUT_SR = replace(AvatarConfig(), superres=SuperResConfig(kind="none"))
+
+
+def _row(name: str, label: str, config: AvatarConfig, loss: LossConfig) -> AvatarRow:
+    return AvatarRow(name, label, ("components",), "Our default's networks, the paper's loss.", config, loss)
+
+
+NONE = _row("planes_none", "planes, no perceptual loss", AvatarConfig(), _NONE)
+PATCH = _row("planes_patch", "planes, perceptual loss on patches", AvatarConfig(), _PATCH)
+FULL = _row("planes_full", "planes, perceptual loss on the full image", AvatarConfig(), _FULL)
+SHARP_NONE = _row("planes_no_sr_none", "planes without SR, no perceptual loss", _WITHOUT_SR, replace(_NONE, low_l2=0.0))
+SHARP_FULL = _row("planes_no_sr_full", "planes without SR, perceptual, full", _WITHOUT_SR, replace(_FULL, low_l2=0.0))
 
 SEEDS = (0, 1, 2)
 PERSON = {"seed": 55, "age": 60, "tone": 0.35, "freckles": 1.5, "folds": 1.5, "veins": 0.5, "hair": 0}
@@ -36,7 +58,7 @@ ROWS = {
     "planes_no_sr_none": "SHARP_NONE",
     "planes_no_sr_full": "SHARP_FULL",
 }
-"""Names of the rows, and of their methods in `claim_rows`."""
+"""Names of the rows, and of their methods in this module."""
 PAIRS = {"planes_full": "planes_none", "planes_patch": "planes_none", "planes_no_sr_full": "planes_no_sr_none"}
 """Rows with the perceptual loss, and what each is compared with."""
 _FIGURES = {"psnr_hand": "PSNR hand", "ssim": "SSIM", "lpips": "LPIPS", "vgg19_frechet": "vgg19_frechet"}
@@ -73,7 +95,7 @@ def _train(args: argparse.Namespace) -> None:
         plan = CloseUps(size_px=48, field_m=0.06, seed=3)
         made = plan.make(capture, hand, {"made_by": "livehand.tools.paper.claim", "person": PERSON})
         render_capture(made, Renderer(load_avatar(path), hand, "cpu"))
-    methods = [word for name in ROWS.values() for word in ("--method", f"{__package__}.claim_rows:{name}")]
+    methods = [word for name in ROWS.values() for word in ("--method", f"livehand.tools.paper.claim:{name}")]
     options = ["--tables", "components", "--loss", "paper", "--steps", args.steps, "--max-images", 12]
     options += ["--split", "novel_pose", "novel_camera", "test", "--perceptual-weights", args.vgg19]
     options += ["--speed-size", "48x48", "--speed-frames", 2, "--rows", *args.rows]

@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 from livehand.backend.research.comparison.grid import save_pictures
 from livehand.tools.paper import claim
-from livehand.tools.paper.claim import SEEDS, gathered, sign_test, two_sided
-from livehand.tools.paper.claim_rows import FULL, NONE, PATCH, SHARP_FULL, SHARP_NONE
+from livehand.tools.paper.claim import (
+    FULL,
+    NONE,
+    PATCH,
+    SEEDS,
+    SHARP_FULL,
+    SHARP_NONE,
+    gathered,
+    sign_test,
+    two_sided,
+)
 
 ROWS = ("planes_none", "planes_full")
 

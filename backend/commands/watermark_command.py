@@ -24,8 +24,8 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         raise LiveHandError(f"an avatar's file must end in .safetensors, got {args.output.name}")
     origin, avatar = read_origin(args.avatar), load_avatar(args.avatar)
     save_avatar(marked_avatar(avatar, origin.payload), args.output)
-    places = "frames" if avatar.surface is None else "frames and map of albedo"
-    summary = f"{args.output}: {origin.payload.hex()} in its {places}"
+    marked = "frames" if avatar.surface is None else "frames and map of albedo"
+    summary = f"{args.output}: {origin.payload.hex()} in its {marked}"
     return {"avatar": str(args.output), "bits": origin.payload.hex(), "summary": summary}
 
 
