@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -22,6 +22,7 @@ import numpy as np
 from .backend.avatars.avatar import Avatar
 from .backend.avatars.file import load_avatar
 from .backend.avatars.library import avatar_path
+from .backend.avatars.metadata import watermark_of
 from .backend.contact.grasp import Grasp, Grasper, GraspOptions
 from .backend.contact.placed_solids import PlacedSolid
 from .backend.geometry.framing import fitting_camera
@@ -31,6 +32,7 @@ from .backend.hand.model import MIRROR_AXIS_ANGLE, HandModel, upright
 from .backend.hand.model_file import DEFAULT_HAND, load_hand_model
 from .backend.hand.poses import POSES
 from .backend.image.decode import srgb_pixels
+from .backend.image.watermark.embedding import watermarked
 from .backend.motion.files.import_options import ImportOptions, motion_and_warning, with_options
 from .backend.motion.files.open_files import open_motion_file
 from .backend.motion.motion import HandMotion
@@ -99,7 +101,7 @@ class Person:
         light: Light | None = None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> Frame:
-        """Render a pose.
+        """Render a pose; frames of a marked avatar have its watermark.
 
         Args:
             pose: of either hand.
@@ -112,7 +114,8 @@ class Person:
             RenderStopped: `should_stop` returned True.
         """
         shot = Shot(pose, self.vertices(pose), camera or self.camera(pose), light)
-        return self._renderer.render(shot, should_stop)
+        frame, payload = self._renderer.render(shot, should_stop), watermark_of(self.avatar.provenance)
+        return frame if payload is None else replace(frame, rgb=watermarked(frame.rgb, frame.alpha, payload))
 
     def grasp(
         self, pose: HandPose, vertices: np.ndarray, faces: np.ndarray, options: GraspOptions | None = None

@@ -30,6 +30,7 @@ from ..backend.commands.reenact.command import COMMAND as REENACT
 from ..backend.commands.sign import COMMAND as SIGN
 from ..backend.commands.track import COMMAND as TRACK
 from ..backend.commands.warm_up import COMMAND as WARM_UP
+from ..backend.commands.watermark_command import COMMAND as WATERMARK
 from ..backend.evaluation.command import COMMAND as EVALUATE
 from ..backend.evaluation.perceptual.fetch_command import COMMAND as FETCH_PERCEPTUAL
 from ..backend.evaluation.sheet_command import COMMAND as SHEET
@@ -44,6 +45,7 @@ from ..backend.system.command import Command, blender_silenced, run_commands
 from ..backend.system.process_end import run_process
 from ..backend.tracking.fetch_command import COMMAND as FETCH_TRACKER
 from ..backend.training.command import COMMAND as TRAIN
+from ..backend.training.identity_command import COMMAND as IDENTITY
 from .capture import command as capture
 from .render import command as render
 from .rigs import command as make_hand
@@ -77,6 +79,11 @@ def _render(args: argparse.Namespace) -> Mapping[str, Any]:
     if suffix in RIG_SUFFIXES:
         read = partial(rig_motion.read_upright, side=args.side)
         return _in_blender(partial(render_poses.run, read=read))(args)
+    if args.identity:
+        raise LiveHandError(
+            "--identity is of pose files, got a .blend; write the person as an avatar with livehand identity, "
+            "and give that with --avatar"
+        )
     return _in_blender(partial(render.run, in_blender=_registered))(args)
 
 
@@ -193,6 +200,7 @@ COMMANDS: dict[str, Command] = {
             _silent_in_blender(capture.run),
         ),
         TRAIN,
+        IDENTITY,
         PERSON,
         NEW_PERSON,
         ADJUST_PERSON,
@@ -211,6 +219,7 @@ COMMANDS: dict[str, Command] = {
         REENACT,
         EXTRACT_MESH,
         ORIGIN,
+        WATERMARK,
         SIGN,
         *_optional("livehand_blender.research.commands"),
         *(replace(command, run=_silent_in_blender(command.run)) for command in _optional("tools.commands")),

@@ -75,7 +75,9 @@ class Avatar:
 
 def build_field(config: FieldConfig) -> MlpField | PlaneField:
     """Build the field that the configuration names, with fresh weights."""
-    kinds: dict[str, Callable[[bool], MlpField]] = {"paper": PaperField, "xyz": XyzField, "bones": BonesField}
+    if config.kind == "paper":
+        return PaperField(config.pose, len(config.identities))
+    kinds: dict[str, Callable[[bool], MlpField]] = {"xyz": XyzField, "bones": BonesField}
     if config.kind in kinds:
         return kinds[config.kind](config.pose)
     return RelightableField(config) if config.light == "linear" else BakedField(config)

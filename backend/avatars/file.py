@@ -32,6 +32,7 @@ from ..system.readers import parse_json
 from . import drawn_people
 from .avatar import Avatar, AvatarConfig, build_field
 from .captured_surface import surface_of_provenance
+from .identities import checked_names
 from .library import shipped_avatar_path
 from .metadata import HEADER_KEY, THUMBNAIL_KEY
 from .tensors import read_surface_tensors, stored_weights, surface_tensors, whole_weights
@@ -223,9 +224,10 @@ def _networks(avatar: Avatar) -> dict[str, nn.Module]:
 def _config_of(values: dict[str, Any], path: Path) -> AvatarConfig:
     try:
         planes = tuple(tuple(plane) for plane in values["field"]["planes"])
+        identities = checked_names(tuple(map(str, values["field"].get("identities", ()))))
         superres: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values["superres"].items()}
         config = AvatarConfig(
-            FieldConfig(**{**values["field"], "planes": planes}),
+            FieldConfig(**{**values["field"], "planes": planes, "identities": identities}),
             SuperResConfig(**superres),
             SamplerConfig(**values["sampler"]),
         )
@@ -234,7 +236,7 @@ def _config_of(values: dict[str, Any], path: Path) -> AvatarConfig:
         for value in (config.sampler.samples_per_ray, config.sampler.max_layers):
             if value not in range(1, _MOST_SAMPLES + 1):
                 raise TypeError(f"{value!r} samples or layers of a ray")
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError, LiveHandError) as error:
         raise LiveHandError(f"{path}: the avatar's configuration must be this version's, got {error}") from error
     return config
 

@@ -18,6 +18,9 @@ HEADER_KEY = "livehand"
 THUMBNAIL_KEY = "portrait"
 """The name of the thumbnail's tensor since format version 1."""
 
+WATERMARK_KEY = "watermark"
+"""Of the provenance: the bits with which all frames of the avatar are marked, 16 hexadecimal digits."""
+_WATERMARK_BYTES = 8
 _BETAS = 10
 # The hardest split first.
 _SPLITS = {
@@ -43,6 +46,7 @@ class AvatarMetadata:
         made_from: the capture it was trained on as a line of text, or empty.
         beta: [10] shape of the person whom it shows, or None if the file does not say.
         thumbnail: [P, P, 4] uint8 sRGB with straight alpha, top row first; None if the file has none.
+        watermark: 8 bytes with which its frames are marked, or None.
     """
 
     path: Path
@@ -55,6 +59,7 @@ class AvatarMetadata:
     made_from: str
     beta: tuple[float, ...] | None
     thumbnail: np.ndarray | None
+    watermark: bytes | None = None
 
 
 def read_metadata(path: Path) -> AvatarMetadata:
@@ -77,6 +82,7 @@ def read_metadata(path: Path) -> AvatarMetadata:
             made_from=_made_from(provenance.get("capture", {})),
             beta=_beta(header.get("surface"), provenance.get("capture", {})),
             thumbnail=thumbnail,
+            watermark=watermark_of(provenance),
         )
     except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise LiveHandError(
@@ -126,6 +132,26 @@ def licence_and_consent(provenance: Mapping[str, Any]) -> tuple[str, str]:
     before = (provenance.get("fine_tuned_from") or {}).get("provenance") or {}
     consent = provenance.get("consent") or (licence_and_consent(before)[1] if before else "")
     return str(provenance.get("licence") or ""), str(consent)
+
+
+def watermark_of(provenance: Mapping[str, Any]) -> bytes | None:
+    """Return the bits with which an avatar's frames are marked; None: with none.
+
+    Raises:
+        LiveHandError: they are no 8 bytes.
+    """
+    text = provenance.get(WATERMARK_KEY)
+    if text is None:
+        return None
+    try:
+        payload = bytes.fromhex(text)
+    except (TypeError, ValueError):
+        payload = b""
+    if len(payload) != _WATERMARK_BYTES:
+        raise LiveHandError(
+            f"an avatar's watermark must be {2 * _WATERMARK_BYTES} hexadecimal digits, got {str(text)[:40]}"
+        )
+    return payload
 
 
 def _made_from(capture: dict[str, Any]) -> str:

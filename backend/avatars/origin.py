@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -23,13 +23,16 @@ class Origin:
         licence: of the avatar, or empty.
         consent: what its person agreed to, or empty.
         payload: 8 bytes for a watermark: a hash of the avatar's weights and surface, of its hand and its licence.
-            Another thumbnail or other metrics in the same file do not change it.
+            Another thumbnail or other metrics in the same file do not change it. A marked avatar (`marking`) keeps the
+            bits that it was marked with.
+        is_marked: whether all frames of the avatar get the watermark, even if nobody asks for one.
     """
 
     name: str
     licence: str
     consent: str
     payload: bytes
+    is_marked: bool = False
 
 
 def read_origin(path: Path) -> Origin:
@@ -45,6 +48,12 @@ def read_origin(path: Path) -> Origin:
     return _origin_of(path, stat.st_mtime_ns, stat.st_size)
 
 
+def frame_payload(origins: Sequence[Origin], is_wanted: bool) -> bytes | None:
+    """Return the payload of a picture of these avatars; None: none is wanted, and none of them asks for one."""
+    marking = [one.payload for one in origins if is_wanted or one.is_marked]
+    return joint_payload(marking) if marking else None
+
+
 def joint_payload(payloads: Iterable[bytes]) -> bytes:
     """Return the payload of a picture that shows several avatars: of one, its own; of more, a hash of all."""
     different = sorted(set(payloads))
@@ -57,6 +66,8 @@ def _origin_of(path: Path, mtime_ns: int, size: int) -> Origin:
     from safetensors import safe_open
 
     metadata = read_metadata(path)
+    if metadata.watermark is not None:
+        return Origin(metadata.name, metadata.licence, metadata.consent, metadata.watermark, is_marked=True)
     digest = hashlib.sha256()
     with safe_open(path, framework="numpy") as archive:
         names = sorted(set(archive.keys()) - {THUMBNAIL_KEY})

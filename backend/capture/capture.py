@@ -88,7 +88,11 @@ class SurfaceReference(NamedTuple):
 
 @dataclass(frozen=True)
 class Capture:
-    """The index, poses and lights of a capture folder; images and surface are read on request."""
+    """The index, poses and lights of a capture folder; images and surface are read on request.
+
+    Attributes:
+        identities: who shows each pose, in captures joined of several people's (`joined`); empty: one person.
+    """
 
     folder: Path
     hand_sha256: str
@@ -97,6 +101,7 @@ class Capture:
     views: tuple[CaptureView, ...]
     lights: tuple[CaptureLight, ...] = ()
     surface: SurfaceReference | None = None
+    identities: tuple[int, ...] = ()
 
     @property
     def is_lit(self) -> bool:

@@ -187,7 +187,7 @@ def _camera_directions(rng: np.random.Generator, plan: CapturePlan) -> np.ndarra
     and its nearest neighbour.
     """
     held_out = np.array([plan.is_held_out_camera(index) for index in range(plan.cameras)])
-    training = _fibonacci_sphere(int((~held_out).sum())) @ axis_angle_to_matrix(rng.normal(0, 1, 3)).T
+    training = fibonacci_sphere(int((~held_out).sum())) @ axis_angle_to_matrix(rng.normal(0, 1, 3)).T
     chosen = rng.permutation(len(training))[: held_out.sum()]
     nearest = np.argsort(-training @ training.T, 1)[:, 1 % len(training)]
     between = training[chosen] + training[nearest[chosen]]
@@ -197,7 +197,8 @@ def _camera_directions(rng: np.random.Generator, plan: CapturePlan) -> np.ndarra
     return directions
 
 
-def _fibonacci_sphere(count: int) -> np.ndarray:
+def fibonacci_sphere(count: int) -> np.ndarray:
+    """Spread unit vectors [count, 3] evenly over the sphere."""
     z = 1 - 2 * (np.arange(count) + 0.5) / count
     longitude = np.arange(count) * np.pi * (3 - np.sqrt(5))
     radius = np.sqrt(1 - z * z)

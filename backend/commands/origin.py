@@ -69,10 +69,7 @@ def _scale(text: str) -> float:
 def _run(args: argparse.Namespace) -> dict[str, Any]:
     check_regular(args.file)
     if args.file.suffix == ".safetensors":
-        one = read_origin(args.file)
-        return _reported(
-            {"avatar": one.name, "licence": one.licence, "consent": one.consent, "bits": one.payload.hex()}
-        )
+        return _reported(_avatar_facts(args.file))
     from ..image.watermark.detection import SCALES, WatermarkReader
 
     candidates = [read_origin(path) for path in _avatar_files(args.avatar)]
@@ -85,6 +82,18 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         "signature": _signature(args.file),
     }
     return _reported(facts)
+
+
+def _avatar_facts(path: Path) -> dict[str, Any]:
+    """Tell an avatar's own bits, whether its frames are marked with them, and what its map of albedo says."""
+    from ..avatars.file import read_surface_of
+    from ..avatars.marking import mark_in_albedo
+
+    one, surface = read_origin(path), read_surface_of(path)
+    found = None if surface is None else mark_in_albedo(surface.arrays)
+    facts = {"avatar": one.name, "licence": one.licence, "consent": one.consent, "bits": one.payload.hex()}
+    albedo = found.payload.hex() if found is not None and found.is_sure else None
+    return {**facts, "marks_frames": one.is_marked, "albedo": albedo}
 
 
 def _watermark_facts(reading: Reading, candidates: Sequence[Origin]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--mano", type=Path, metavar="FILE", help="pose files: MANO's file, where poses count from its mean"
     )
     parser.add_argument(
+        "--identity", metavar="NAME", help="pose files: whom an avatar of several people shows (default: the first)"
+    )
+    parser.add_argument(
         "--picture",
         type=parse_picture_camera,
         metavar="WxH@DEG",
@@ -81,8 +85,9 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
         raise LiveHandError("a pose file is rendered alone and in one piece; give one file, and no --jobs or --chunk")
     (path,) = args.shots
     from ..avatars.file import load_avatar
+    from ..avatars.identities import of_identity
     from ..avatars.library import shipped_avatar_path
-    from ..avatars.origin import read_origin
+    from ..avatars.origin import frame_payload, read_origin
     from ..hand.lbs import posed_vertices
     from ..image.frame_writer import FileWriter
     from ..image.watermark.embedding import watermarked
@@ -90,6 +95,8 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     from ..render.studio_light import studio_light
 
     avatar, origin = load_avatar(args.avatar), read_origin(args.avatar or shipped_avatar_path())
+    if args.identity:
+        avatar = of_identity(avatar, args.identity)
     hand = load_hand_model(args.hand or DEFAULT_HAND)
     if read is None:
         options = ImportOptions({"side": args.side} if args.side else {}, args.mano, picture_camera=args.picture)
@@ -97,9 +104,11 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     else:
         motion, first = read(path, hand), 0
     frames = frame_indices(motion, args.frames, first)
+    payload = frame_payload([origin], args.watermark)
     kinds, signing, text = args.format or ("png",), signing_key(args), origin_text([origin])
     if signing is not None and "png" not in kinds:
         raise LiveHandError(f"frames are signed as PNG, got --format {','.join(kinds)}; add png, or do not sign")
+    sign = None if signing is None else partial(sign_file, signing=signing, origin=origin_facts([origin]))
     renderer = Renderer(avatar, hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)
     camera = fitting_camera(sampled_vertices(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILL)
@@ -109,20 +118,22 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
         for number, index in enumerate(frames, 1):
             started, pose = time.perf_counter(), motion.pose(index)
             frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera, light))
-            if args.watermark:
-                frame = replace(frame, rgb=watermarked(frame.rgb, frame.alpha, origin.payload))
+            if payload is not None:
+                frame = replace(frame, rgb=watermarked(frame.rgb, frame.alpha, payload))
 
             def written(place: tuple[int, int] = (first + index + 1, number), started: float = started) -> None:
                 seconds = time.perf_counter() - started
-                if signing is not None:
-                    sign_file(args.output / f"{place[0]:04d}.png", signing, origin_facts([origin]))
                 report.add(path, FrameProgress(*place, len(frames), "written", seconds))
 
-            *others, last = kinds
-            for kind in others:
-                writer.write(frame, args.output / f"{first + index + 1:04d}.{kind}", text=text)
-            writer.write(frame, args.output / f"{first + index + 1:04d}.{last}", written, text)
+            for kind in kinds:
+                path_of_frame = args.output / f"{first + index + 1:04d}.{kind}"
+                then, seal = written if kind == kinds[-1] else _nothing, sign if kind == "png" else None
+                writer.write(frame, path_of_frame, then, text, seal)
     return report.result()
+
+
+def _nothing() -> None:
+    """Do nothing."""
 
 
 def posed_upright(

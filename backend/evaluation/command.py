@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..avatars.library import AVATAR_HELP, avatar_path, shipped_avatar_path
+from ..records.errors import LiveHandError
 from ..system.command import Command, parse_count
 from .lpips_options import add_lpips_arguments, lpips_names, lpips_note, lpips_of
 
@@ -31,6 +32,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--avatar", type=avatar_path, default=shipped_avatar_path(), metavar="NAME|FILE", help=AVATAR_HELP
     )
+    parser.add_argument("--identity", metavar="NAME", help="of an avatar of several people: whom, or `mean` of them")
     parser.add_argument("--hand", type=Path, help="the avatar's hand model (default: its built-in one)")
     parser.add_argument(
         "--split",
@@ -78,6 +80,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> dict:
     from ..avatars.file import load_avatar
+    from ..avatars.identities import of_identity
     from ..capture.capture import load_capture
     from ..hand.model_file import DEFAULT_HAND, load_hand_model
     from ..render.renderer import Renderer
@@ -85,7 +88,11 @@ def _run(args: argparse.Namespace) -> dict:
     from .report import by_light, by_split, summary, summary_tables
     from .sheets import SheetViews
 
+    if args.identity and args.record:
+        raise LiveHandError("--record is of a whole avatar, got --identity; leave one of them out")
     avatar = load_avatar(args.avatar)
+    if args.identity:
+        avatar = of_identity(avatar, args.identity)
     hand = load_hand_model(args.hand or DEFAULT_HAND)
     has_detail = not args.without_skin_detail
     renderer = Renderer(avatar, hand, args.device, args.precision, has_skin_detail=has_detail)

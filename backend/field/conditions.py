@@ -36,6 +36,7 @@ class FieldInputs(NamedTuple):
         theta: [48] the whole hand's axis-angle pose, rad.
         footprint_m: [S] width of a pixel at the sample, in the template's metres.
         place: where the sample lies in space, for fields that ask for it.
+        identity: which of the field's identities is shown; fields of one person have none.
     """
 
     uv: Tensor
@@ -48,6 +49,7 @@ class FieldInputs(NamedTuple):
     theta: Tensor
     footprint_m: Tensor
     place: SamplePoints | None = None
+    identity: int = 0
 
     @classmethod
     def of_paper(cls, uv: Tensor, height: Tensor, view: Tensor, theta: Tensor) -> FieldInputs:
@@ -98,6 +100,7 @@ class FrameConditions(NamedTuple):
         visibility: [V, K] cosine-weighted visibility of the sky's directions.
         bones: [16, 4, 4] bone frames to the world, for fields that look at bones; None: not known.
         bone_weights: [V, 16] skinning weights; None with `bones`.
+        identity: which of the field's identities is shown; fields of one person have none.
     """
 
     theta: Tensor
@@ -105,6 +108,7 @@ class FrameConditions(NamedTuple):
     visibility: Tensor
     bones: Tensor | None = None
     bone_weights: Tensor | None = None
+    identity: int = 0
 
     @classmethod
     def of(
@@ -155,6 +159,7 @@ def gather_field_inputs(
         view=view,
         theta=frame.theta,
         footprint_m=footprint_m,
+        identity=frame.identity,
     )
 
 

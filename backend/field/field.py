@@ -53,10 +53,15 @@ class FieldConfig:
     """Whether the field is conditioned on the local pose (False: the ablation)."""
     light: Literal["baked", "linear"] = "baked"
     """`baked`: colours in the light of the capture. `linear`: coefficients for any light (`field.relightable`)."""
+    identities: tuple[str, ...] = ()
+    """Of `paper`: names of the people whom one network shows, each by a code; empty: it shows one, without a code."""
 
 
 POSITION_OCTAVES, VIEW_OCTAVES = 10, 4
 """Of the positional encodings of the paper's networks."""
+CODE_SIZE = 8
+"""Of an identity's code, as in the authors' released configuration."""
+CODE_DEVIATION = 0.3  # of codes before training
 POSITION_INPUTS, VIEW_INPUTS = 3 * (1 + 2 * POSITION_OCTAVES), 3 * (1 + 2 * VIEW_OCTAVES)
 
 
@@ -81,16 +86,22 @@ class MlpField(nn.Module):
 class PaperField(MlpField):
     """The paper's MLP (supplement; sizes as published), in corrected units: h in units of the shell.
 
-    The first layer's product with the pose is the same for all samples of a frame and is computed once.
+    The first layer's product with the pose is the same for all samples of a frame and is computed once. So is that with
+    the code of the identity that is shown, beside the pose.
+
+    Attributes:
+        codes: [N, 8] of the identities; None: there is one, without a code.
     """
 
     WIDTH = 128
 
-    def __init__(self, has_pose: bool = True):
+    def __init__(self, has_pose: bool = True, identities: int = 0):
         super().__init__()
         width = self.WIDTH
         self.position = nn.Linear(POSITION_INPUTS, width)
         self.pose = nn.Linear(48, width, bias=False) if has_pose else None
+        self.identity = nn.Linear(CODE_SIZE, width, bias=False) if identities else None
+        self.codes = nn.Parameter(CODE_DEVIATION * torch.randn(identities, CODE_SIZE)) if identities else None
         self.trunk = nn.ModuleList(nn.Linear(width, width) for _ in range(3))
         self.density = nn.Linear(width, 1)
         self.bottleneck = nn.Linear(width, width)
@@ -106,7 +117,11 @@ class PaperField(MlpField):
         """Compute density per mm and channels at samples, of which each ray has so many."""
         uvh = torch.cat([inputs.uv, inputs.height[:, None]], -1)
         first = self.position(positional_encoding(uvh, POSITION_OCTAVES))
-        hidden = relu(first + self.pose(inputs.theta) if self.pose is not None else first)
+        if self.pose is not None:
+            first = first + self.pose(inputs.theta)
+        if self.identity is not None and self.codes is not None:
+            first = first + self.identity(self.codes[inputs.identity])
+        hidden = relu(first)
         for layer in self.trunk:
             hidden = relu(layer(hidden))
         sigma = _density(self.density(hidden)[:, 0], inputs.height)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -74,7 +75,12 @@ class FileWriter:
             raise failed
 
     def write(
-        self, frame: Frame, path: Path, then: Callable[[], None] = lambda: None, text: Mapping[str, str] | None = None
+        self,
+        frame: Frame,
+        path: Path,
+        then: Callable[[], None] = lambda: None,
+        text: Mapping[str, str] | None = None,
+        seal: Callable[[Path], None] | None = None,
     ) -> None:
         """Write a frame soon; waits if too many are being written.
 
@@ -83,12 +89,14 @@ class FileWriter:
             path: of the file: `.exr`, or a PNG.
             then: is called once the file is there.
             text: entries of the file's metadata.
+            seal: is called with the path as soon as the file is there, in the thread that wrote it: it signs it, say.
         """
         self._finish(self._most_waiting - 1)
         if path.suffix == ".exr":
-            written = self._workers.submit(write_frame_exr, frame, path, text)
+            written = self._workers.submit(_sealed, seal, path, partial(write_frame_exr, frame, path, text))
         else:
-            written = self._workers.submit(_save, srgb_pixels(frame), path, text or {})
+            save = partial(_save, srgb_pixels(frame), path, text or {})
+            written = self._workers.submit(_sealed, seal, path, save)
         self._pending.append(_Pending(written, then))
 
     def _finish(self, most_left: int) -> None:
@@ -97,6 +105,12 @@ class FileWriter:
             written, then = self._pending.popleft()
             written.result()
             then()
+
+
+def _sealed(seal: Callable[[Path], None] | None, path: Path, save: Callable[[], None]) -> None:
+    save()
+    if seal is not None:
+        seal(path)
 
 
 def _save(pixels: np.ndarray, path: Path, text: Mapping[str, str]) -> None:

@@ -36,12 +36,25 @@ _FEW_STEPS = 1000  # below which a budget of time was too small
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("capture", type=Path, help="folder of the capture")
+    add(
+        "captures",
+        type=Path,
+        nargs="+",
+        metavar="capture",
+        help="folder of the capture; of several, one a person: one network with a code for each of them",
+    )
     add("-o", "--output", type=Path, required=True, metavar="AVATAR", help=".safetensors file to write")
     add(
         "--config",
         choices=PRESET_NAMES,
         help="networks to train (default: relightable if the capture has lights, else default)",
+    )
+    add(
+        "--identities",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="names of the people of several captures (default: the captures' folders); needs --config paper",
     )
     add("--hand", type=Path, help="hand model of the capture (default: the built-in one it shows)")
     add_options(parser.add_mutually_exclusive_group(), TrainConfig, "steps", "minutes")
@@ -153,26 +166,16 @@ def _is_given(name: str, argv: Sequence[str]) -> bool:
 
 def _setup(args: argparse.Namespace, loss: LossConfig, output: Path, device: torch.device) -> TrainingSetup:
     from ..avatars.avatar import PRESETS
-    from ..capture.capture import load_capture
-    from ..capture.check import check_capture
-    from ..capture.half_size import half_size
     from ..hand.model_file import DEFAULT_HAND, load_hand_model
-    from ..motion.capture_gate import capture_doubt
-    from ..surface.skin_version import is_current_skin
     from .setup import TrainingSetup, load_base_avatar
 
     hand = load_hand_model(args.hand or DEFAULT_HAND)
+    if len(args.captures) > 1 or args.identities:
+        _check_identities(args)
     if args.person:
         args.base, hand = _person_base(args, hand, output), load_hand_model(DEFAULT_HAND)
-        args.capture = output.with_suffix(".lit")
-    capture = load_capture(args.capture)
-    check_capture(capture, hand)
-    if doubt := capture_doubt(capture, hand):
-        warn(f"{args.capture}: check the poses: {doubt}")
-    if is_current_skin(capture.provenance) is False:
-        warn(f"{args.capture} shows the built-in skin of another version, whose detail differs; capture it anew")
-    if args.half_size:
-        capture = half_size(capture)
+        args.captures = [output.with_suffix(".lit")]
+    capture, names = _capture_of(args, hand)
     if args.from_hand and not args.base:
         raise LiveHandError("--from-hand is the hand of the avatar to start from; give that avatar with --from")
     from_hand = load_hand_model(args.from_hand) if args.from_hand else None
@@ -185,7 +188,56 @@ def _setup(args: argparse.Namespace, loss: LossConfig, output: Path, device: tor
             "a relightable avatar's colours are its own in any light, --camera-colours would be lost; "
             "leave it out, or train with --config default"
         )
-    return TrainingSetup(capture, hand, PRESETS[config], perceptual, corrections, base)
+    networks = PRESETS[config]
+    if names:
+        networks = replace(networks, field=replace(networks.field, identities=names))
+    return TrainingSetup(capture, hand, networks, perceptual, corrections, base)
+
+
+def _capture_of(args: argparse.Namespace, hand: HandModel) -> tuple[Capture, tuple[str, ...]]:
+    """Read and check the capture, or several as one with the names of their people."""
+    from ..avatars.identities import checked_names
+    from ..capture.joined import joined
+
+    captures = [_checked_capture(folder, hand, args.half_size) for folder in args.captures]
+    if len(captures) == 1:
+        return captures[0], ()
+    names = args.identities or [folder.resolve().name for folder in args.captures]
+    return joined(captures), checked_names(tuple(names))
+
+
+def _checked_capture(folder: Path, hand: HandModel, is_halved: bool) -> Capture:
+    from ..capture.capture import load_capture
+    from ..capture.check import check_capture
+    from ..capture.half_size import half_size
+    from ..motion.capture_gate import capture_doubt
+    from ..surface.skin_version import is_current_skin
+
+    capture = load_capture(folder)
+    check_capture(capture, hand)
+    if doubt := capture_doubt(capture, hand):
+        warn(f"{folder}: check the poses: {doubt}")
+    if is_current_skin(capture.provenance) is False:
+        warn(f"{folder} shows the built-in skin of another version, whose detail differs; capture it anew")
+    return half_size(capture) if is_halved else capture
+
+
+def _check_identities(args: argparse.Namespace) -> None:
+    """Refuse what people who share a network cannot have."""
+    if args.config != "paper":
+        raise LiveHandError(
+            f"people who share a network have codes in the paper's alone, got --config {args.config or 'default'}; "
+            "add --config paper, or train one avatar a person"
+        )
+    single = ("person", "refine", "refine_surface", "camera_colours", "output_cameras")
+    if given := [name for name in single if _is_given(name, args.argv)]:
+        raise LiveHandError(
+            f"--{given[0].replace('_', '-')} is of one person's capture, got several; train them one by one"
+        )
+    if args.identities and len(args.identities) != len(args.captures):
+        raise LiveHandError(
+            f"--identities must name the people of {len(args.captures)} captures, got {len(args.identities)} names"
+        )
 
 
 def _perceptual(args: argparse.Namespace) -> PerceptualDistance:
@@ -208,7 +260,7 @@ def _person_base(args: argparse.Namespace, hand: HandModel, output: Path) -> Pat
         raise LiveHandError("--person is the avatar to start from; leave out --from and --from-hand")
     model = load_default_hand()
     other = None if hand.sha256 == model.sha256 else hand
-    write_lit_capture(args.capture, load_avatar(args.person), model, other, output.with_suffix(".lit"), warn)
+    write_lit_capture(args.captures[0], load_avatar(args.person), model, other, output.with_suffix(".lit"), warn)
     return args.person
 
 
@@ -231,7 +283,7 @@ def _corrections(
     if args.refine or args.refine_surface:
         config = RefinementConfig(surface_deviation_m=_SURFACE_DEVIATION_M if args.refine_surface else 0.0)
         corrections.append(refined_poses(capture, hand, config, output.with_suffix(".refined"), device))
-    if args.config == "paper":
+    if args.config == "paper" and not capture.identities:  # a tint of all of one's cameras would be one's skin
         corrections.append(camera_colours(capture, args.avatar_cameras, PAPER_CAMERA_RATE))
     elif args.camera_colours or args.avatar_cameras:
         corrections.append(camera_colours(capture, args.avatar_cameras))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..avatars.avatar import Avatar
 from ..avatars.file import save_avatar
+from ..capture.joined import first_person
 from ..records.errors import LiveHandError
 from ..render.thumbnail import with_thumbnail
 from .checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
@@ -56,6 +57,8 @@ class Training:
         self._avatar = initial_avatar(output.stem, setup, config.seed)
         views = _training_views(setup, config, compute)
         self._parts = TrainedParts(self._avatar, setup.corrections).to(compute.device).train()
+        if setup.is_code_alone:
+            self._parts.freeze_all_but_codes()
         self._average = WeightAverage(self._parts, config.ema_decay)
         optimiser = optimiser_of(self._parts, config, setup.corrections)
         perceptual = setup.perceptual.to(compute.device) if setup.perceptual is not None else None
@@ -135,7 +138,9 @@ class Training:
     def _report(self, config: ReportConfig) -> TrainingReport:
         """Make the report of this session, which only the first process writes."""
         output = self._output if self._compute.processes.is_first else None
-        preview = HeldOutPreview(self._setup.capture, self._setup.hand, self._compute.device, config.preview_views)
+        preview = HeldOutPreview(
+            first_person(self._setup.capture), self._setup.hand, self._compute.device, config.preview_views
+        )
         return TrainingReport(config, self._schedule, self._clock, preview, output, self._progress.step)
 
 

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from ..avatars.avatar import Avatar
 from ..capture.capture import CaptureView
 from ..field.encoding import FeaturePlane
+from ..field.field import PaperField
 from .config import TrainConfig
 from .schedule import ScheduleState
 from .views import TrainingView, TrainingViews
@@ -61,6 +62,12 @@ class TrainedParts(nn.Module):
         super().__init__()
         self.networks = nn.ModuleList([avatar.field, avatar.superres])
         self.corrections = nn.ModuleDict({correction.name: correction.module for correction in corrections})
+
+    def freeze_all_but_codes(self) -> None:
+        """Let only the codes of people learn."""
+        for module in self.networks.modules():
+            for name, parameter in module.named_parameters(recurse=False):
+                parameter.requires_grad_(name == "codes" and isinstance(module, PaperField))
 
     def with_networks(self, avatar: Avatar) -> Avatar:
         """Return the avatar with these networks."""

@@ -113,6 +113,7 @@ class TrainingSetup:
         perceptual: the perceptual distance; None leaves that term out.
         corrections: of the capture, trained with the networks.
         base: the avatar to fine-tune; None starts from random weights.
+        is_code_alone: whether the networks of `base` stay, and only its people's codes learn.
     """
 
     capture: Capture
@@ -121,6 +122,7 @@ class TrainingSetup:
     perceptual: PerceptualDistance | None = None
     corrections: tuple[Correction, ...] = ()
     base: BaseAvatar | None = None
+    is_code_alone: bool = False
 
 
 class TrainingResult(NamedTuple):
@@ -213,7 +215,8 @@ def run_identity(setup: TrainingSetup, config: TrainConfig, precision: Precision
     if setup.capture.surface is not None:
         capture = {**capture, "surface_sha256": setup.capture.surface.sha256}
     settings = asdict(config), asdict(setup.avatar_config)
-    return json.dumps([*settings, capture, view_count, precision, corrections, base])
+    trained = ["code"] if setup.is_code_alone else []
+    return json.dumps([*settings, capture, view_count, precision, corrections, base, *trained])
 
 
 def provenance_of(

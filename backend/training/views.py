@@ -118,7 +118,8 @@ class TrainingViews:
     def _poses(self) -> list[tuple[PosedMesh, FrameConditions]]:
         skin = SkinTensors.of(self.hand, self.device)
         posed = []
-        for pose in self.capture.poses:
+        identities = self.capture.identities or (0,) * len(self.capture.poses)
+        for pose, identity in zip(self.capture.poses, identities, strict=True):
             if pose.side != self.hand.side:
                 raise LiveHandError(
                     f"a capture's poses must all be of the {self.hand.side} hand, got a {pose.side} one"
@@ -128,7 +129,8 @@ class TrainingViews:
             mesh = posed_mesh(self.topology, pose_hand(skin, theta, *others).vertices)
             bones = torch.as_tensor(bone_frames(self.hand, pose), dtype=torch.float32, device=self.device)
             conditions = self._conditions(theta, mesh)
-            posed.append((mesh, conditions._replace(bones=bones, bone_weights=self._skinning.lbs_weights)))
+            of_bones = {"bones": bones, "bone_weights": self._skinning.lbs_weights}
+            posed.append((mesh, conditions._replace(**of_bones, identity=identity)))
         return posed
 
     def get(self, index: int, jitter: int) -> TrainingView:

@@ -1,4 +1,4 @@
-"""The origin of a rendered picture: a watermark in its hands, if the scene asks for one, and its metadata."""
+"""The origin of a rendered picture: a watermark in its hands, if scene or avatar ask for one, and its metadata."""
 
 from __future__ import annotations
 
@@ -9,22 +9,21 @@ import bpy
 import numpy as np
 
 from ...backend.avatars.metadata import licence_and_consent
-from ...backend.avatars.origin import joint_payload, read_origin
+from ...backend.avatars.origin import frame_payload, read_origin
 from ...backend.render.frame_task import HandInstance
 from ...backend.render.picture import Picture
 from ...backend.render.session import Session
 
 
 def read_payload(scene: bpy.types.Scene, hands: Sequence[HandInstance], session: Session) -> bytes | None:
-    """Return the watermark of a frame with these hands; None: the scene asks for none, or there are no hands.
+    """Return the watermark of a frame with these hands; None: neither the scene nor an avatar asks for one.
 
     Raises:
         LiveHandError: the file of a hand is no avatar.
     """
     shown = [hand for hand in hands if not hand.is_holdout]
-    if not (scene.livehand.watermark and shown):
-        return None
-    return joint_payload(read_origin(session.avatar_path(hand.renderer)).payload for hand in shown)
+    origins = [read_origin(session.avatar_path(hand.renderer)) for hand in shown]
+    return frame_payload(origins, scene.livehand.watermark)
 
 
 def with_watermark(picture: Picture, payload: bytes | None) -> Picture:

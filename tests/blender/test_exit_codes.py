@@ -41,6 +41,8 @@ FAILING = {
     "consistency": "NO.safetensors",
     "extract-mesh": "NO.safetensors -o OUT.ply",
     "origin": "NO.png",
+    "watermark": "NO.safetensors -o OUT.safetensors",
+    "identity": "NO.safetensors --name ann -o OUT.safetensors",
     "sign": "NO.png --certificate NO.pem --private-key NO.pem",
     "warm-up": "",  # fails only where it cannot write
 }

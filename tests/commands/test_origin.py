@@ -72,6 +72,18 @@ def tiny_avatar(tmp_path):
     return save(), save
 
 
+def test_a_marked_avatar_tells_its_bits(tiny_avatar, told, tmp_path, capsys):
+    path, _ = tiny_avatar
+    bits = read_origin(path).payload.hex()
+    assert told(path)["marks_frames"] is False
+    out = tmp_path / "marked.safetensors"
+    assert main(["watermark", str(path), "-o", str(out)]) == 0
+    facts = told(out)
+    assert (facts["bits"], facts["marks_frames"], facts["albedo"]) == (bits, True, None)
+    assert main(["watermark", str(out), "-o", str(path)]) == 1
+    assert "not be marked yet" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("origins", [(DEEP,), (LIGHT, DEEP)], ids=["one", "two"])
 def test_avatars_are_told_by_the_watermark_alone(write, told, origins):
     facts = told(write(origins), "--scale", 1)

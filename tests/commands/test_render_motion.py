@@ -171,6 +171,16 @@ def test_pictures_tell_their_avatar_and_are_signed(gestures, tmp_path, signer):
     assert read_manifest(path).origin["avatars"] == [{"name": "deep", "licence": deep.licence, "consent": ""}]
 
 
+def test_frames_of_a_marked_avatar_are_marked_unasked(gestures, tmp_path):
+    marked = tmp_path / "marked.safetensors"
+    assert main(["watermark", str(avatar_path("deep")), "-o", str(marked)]) == 0
+    command = ["render", str(gestures), "-o", str(tmp_path / "out"), "--frames", "1", "--size", "334x512"]
+    assert main([*command, "--avatar", str(marked)]) == 0
+    pixels = np.asarray(Image.open(tmp_path / "out" / "0001.png"), np.float32)
+    seen = (pixels[..., :3] * (pixels[..., 3:] / 255)).round().astype(np.uint8)
+    assert read_watermark(seen, (1.0,)).agreement(read_origin(avatar_path("deep")).payload) == 64
+
+
 def test_a_pose_file_is_rendered_to_images(gestures, tmp_path):
     parser = argparse.ArgumentParser()
     add_arguments(parser)

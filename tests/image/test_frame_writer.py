@@ -86,6 +86,31 @@ def test_a_picture_that_cannot_be_written_is_told_and_the_others_are_kept(tmp_pa
     assert sorted(path.name for path in tmp_path.glob("*.png")) == ["0.png", "2.png"]
 
 
+def test_a_file_is_sealed_where_it_was_written_before_anything_follows(tmp_path):
+    events = []
+
+    def seal(path):
+        events.append(("sealed", path.is_file(), threading.current_thread() is threading.main_thread()))
+
+    with FileWriter() as writer:
+        writer.write(frame_of(0.5), tmp_path / "a.png", lambda: events.append("followed"), seal=seal)
+    assert events == [("sealed", True, False), "followed"]
+
+
+def test_a_seal_that_fails_is_told(tmp_path):
+    def seal(path):
+        raise LiveHandError("no key")
+
+    def write():
+        with FileWriter() as writer:
+            writer.write(frame_of(0.5), tmp_path / "a.png", lambda: followed.append(0), seal=seal)
+
+    followed = []
+    with pytest.raises(LiveHandError, match="no key"):
+        write()
+    assert not followed
+
+
 def test_the_next_frame_is_told_of_a_picture_that_could_not_be_written(tmp_path):
     (tmp_path / "no folder").write_text("")
 

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageFilter
 
+from ...avatars.metadata import watermark_of
+from ...image.watermark.embedding import watermarked
 from ...records.frame import Frame
 from ...records.light import Light
 from ...records.shot import Shot
@@ -59,6 +61,11 @@ class _Avatar(NamedTuple):
     def render(self, shot: Shot) -> Frame:
         return self.renderer.render(replace(shot, light=self.light))
 
+    def marked(self, frame: Frame) -> Frame:
+        """Write the watermark that the avatar asks for, if it does, into a frame as the film shows it."""
+        payload = watermark_of(self.renderer.avatar.provenance)
+        return frame if payload is None else replace(frame, rgb=watermarked(frame.rgb, frame.alpha, payload))
+
 
 def _composed(
     picture: np.ndarray,
@@ -75,7 +82,7 @@ def _composed(
     for one, at, shot in sorted(shots, key=lambda each: -_depth(each[2])):  # the farther hand first
         frame, alpha = exposed(one, at, avatar.render, shutter_frames)
         ground = composed if plate is None else _over_plate(composed, plate, alpha, one.before_the_cut(shot))
-        soft = avatar.texture.softened(frame)
+        soft = avatar.marked(avatar.texture.softened(frame))
         composed = avatar.texture.grained(over(soft, ground, avatar.gain), soft.alpha, seed)
     return composed
 

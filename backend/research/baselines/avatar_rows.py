@@ -20,7 +20,7 @@ from ...image.superres import SuperResConfig
 from ...records.errors import LiveHandError
 from ...render.renderer import Renderer
 from ...training.checkpoint import checkpoint_path
-from ...training.config import LossConfig, ReportConfig
+from ...training.config import PAPER, LossConfig, ReportConfig
 from ...training.loop import Training
 from ...training.parts import Correction
 from ...training.refined_capture import refined_poses
@@ -36,6 +36,9 @@ SAMPLES = 8
 
 FROM_THE_START = LossConfig(perceptual_share=1.0, perceptual_rise=0.0)
 """The paper's rows have the perceptual term from the first step; our default has it in the last fifth."""
+_PAPERS_LOSS = PAPER.loss
+PATCH_PX = _PAPERS_LOSS.perceptual_patch_px
+"""Side of the patch that the paper's ablation sees."""
 _WITHOUT = LossConfig(perceptual=0.0, low_l2=0.0)
 _PAPER = replace(PRESETS["paper"], sampler=SamplerConfig(samples_per_ray=SAMPLES, shell_m=0.005))
 
@@ -95,6 +98,16 @@ class AvatarRow:
         """Return the same with another number of samples a ray."""
         sampler = replace(self.config.sampler, samples_per_ray=count)
         return replace(self, config=replace(self.config, sampler=sampler))
+
+    def with_loss_of_paper(self, patch_px: int) -> AvatarRow:
+        """Return the same trained with the paper's loss, squared error and LPIPS 1 : 1 from the first step.
+
+        What the row leaves out of the loss stays out.
+        """
+        own, loss = self.loss, replace(_PAPERS_LOSS, perceptual_patch_px=patch_px)
+        loss = replace(loss, perceptual_region=own.perceptual_region)
+        loss = replace(loss, **{name: 0.0 for name in ("low_l2", "perceptual") if getattr(own, name) == 0})
+        return replace(self, loss=loss)
 
     def _corrections(
         self, capture: Capture, hand: HandModel, output: Path, machine: FittingMachine

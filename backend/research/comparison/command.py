@@ -63,6 +63,19 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--redo", nargs="+", default=[], metavar="NAME", help="begin these rows again")
     add("--samples", type=parse_count, default=8, metavar="N", help="a ray, of avatars (default: %(default)s)")
+    add(
+        "--loss",
+        choices=("ours", "paper"),
+        default="ours",
+        help="of avatars: ours, or the paper's, squared error and LPIPS by VGG16 1 : 1 (default: %(default)s)",
+    )
+    add(
+        "--patch-px",
+        type=parse_count,
+        default=64,
+        metavar="N",
+        help="side of the patch of row no_sr_patch with --loss paper (default: %(default)s)",
+    )
     add("--inference-only", action="store_true", help="row hierarchical: take the networks of row paper, train nothing")
     add("--seed", type=int, default=0, help="of weights, order and samples (default: %(default)s)")
     add("--hand", type=Path, help="hand model of the capture (default: the built-in one it shows)")
@@ -73,15 +86,16 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> Mapping[str, Any]:
     from ...capture.capture import load_capture
     from ..baselines.method import Budget
-    from .rows import chosen_rows, load_own_method
+    from .rows import AvatarSettings, chosen_rows, load_own_method
 
     capture = load_capture(args.capture)
     own = [load_own_method(text) for text in args.method]
-    rows = chosen_rows(args.tables, args.rows, own, args.samples)
+    avatars = AvatarSettings(args.samples, args.loss == "paper", args.patch_px)
+    rows = chosen_rows(args.tables, args.rows, own, avatars)
     budget = Budget(args.steps, args.core_minutes)
     if args.list:
         return _listed(rows, budget, capture)
-    every = chosen_rows(args.tables, None, own, args.samples)
+    every = chosen_rows(args.tables, None, own, avatars)
     return _compared(args, every, tuple(row.name for row in rows), budget, capture)
 
 
@@ -122,6 +136,7 @@ def _compared(
 
 
 def _machine_and_measures(args: argparse.Namespace) -> tuple[FittingMachine, Measures]:
+    from ...evaluation.perceptual.fetched import fetched_lpips
     from ...evaluation.perceptual.vgg import load_vgg_distance
     from ...render.device import torch_device
     from ...training.processes import ComputeSetup
@@ -134,7 +149,8 @@ def _machine_and_measures(args: argparse.Namespace) -> tuple[FittingMachine, Mea
     names = [*([of_loss.name] if of_loss else []), *lpips_names(args)]
     names += [args.fid_weights.name] if args.fid_weights else []
     compute = ComputeSetup(device, args.precision)
-    machine = FittingMachine(compute, vgg19, args.seed, args.inference_only)
+    of_training = fetched_lpips("vgg16").to(device) if args.loss == "paper" else vgg19
+    machine = FittingMachine(compute, of_training, args.seed, args.inference_only)
     return machine, Measures.of(vgg19, lpips_of(args, device), args.fid_weights, device, names)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from ...capture.capture import Capture
 from ...records.errors import LiveHandError
 from ..baselines.a_nerf import A_NERF
-from ..baselines.avatar_rows import AVATAR_ROWS, REFINED, SAMPLES, AvatarRow
+from ..baselines.avatar_rows import AVATAR_ROWS, PATCH_PX, REFINED, SAMPLES, AvatarRow
 from ..baselines.hierarchical import HIERARCHICAL
 from ..baselines.lisa import LISA
 from ..baselines.mesh_wrapping import MESH_TEXTURE, MESH_WRAPPING
@@ -93,8 +93,33 @@ class Row:
         return known * steps * width * height / _REFERENCE_PX
 
 
+@dataclass(frozen=True)
+class AvatarSettings:
+    """What holds for every avatar's row.
+
+    Attributes:
+        samples: a ray.
+        has_loss_of_paper: squared error and LPIPS 1 : 1 instead of the rows' own loss.
+        patch_px: side of the patch that the row of patches sees.
+    """
+
+    samples: int = SAMPLES
+    has_loss_of_paper: bool = False
+    patch_px: int = PATCH_PX
+
+    def applied(self, method: Method) -> Method:
+        """Return an avatar's row with these settings; other methods have none of them."""
+        if not isinstance(method, AvatarRow):
+            return method
+        row = method if self.samples == SAMPLES else method.with_samples(self.samples)
+        return row.with_loss_of_paper(self.patch_px) if self.has_loss_of_paper else row
+
+
 def chosen_rows(
-    tables: Sequence[str], names: Sequence[str] | None, own: Sequence[Method] = (), samples: int = SAMPLES
+    tables: Sequence[str],
+    names: Sequence[str] | None,
+    own: Sequence[Method] = (),
+    avatars: AvatarSettings | None = None,
 ) -> list[Row]:
     """Select the rows of these tables, or those of these names among them.
 
@@ -102,7 +127,7 @@ def chosen_rows(
         tables: names of tables.
         names: of rows; a misfit's method names all its levels.
         own: methods of the user's, which stand in the tables that they name.
-        samples: a ray, of every avatar's row.
+        avatars: of every avatar's row.
 
     Raises:
         LiveHandError: a table or row is not known, or two rows have one name.
@@ -110,7 +135,8 @@ def chosen_rows(
     unknown = [table for table in tables if table not in TABLES]
     if unknown:
         raise LiveHandError(f"tables must be of {', '.join(TABLES)}, got {unknown[0]!r}")
-    methods = [_sampled(method, samples) for method in METHODS] + list(own)
+    settings = avatars or AvatarSettings()
+    methods = [settings.applied(method) for method in METHODS] + list(own)
     repeated = [m.name for k, m in enumerate(methods) if m.name in {other.name for other in methods[:k]}]
     if repeated:
         raise LiveHandError(f"every row must have a name of its own, got two of '{repeated[0]}'; rename yours")
@@ -131,10 +157,6 @@ def chosen_rows(
 def _shown(method: Method, tables: Sequence[str]) -> tuple[str, ...]:
     """List the tables in which a method stands as it is."""
     return tuple(table for table in method.tables if table in tables and table != "misfit")
-
-
-def _sampled(method: Method, samples: int) -> Method:
-    return method.with_samples(samples) if isinstance(method, AvatarRow) and samples != SAMPLES else method
 
 
 def load_own_method(text: str) -> Method:

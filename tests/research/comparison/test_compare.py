@@ -13,6 +13,7 @@ from livehand.backend.capture.capture import save_capture_index
 from livehand.backend.capture.lights import CaptureLight
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Light
+from livehand.backend.research.baselines.avatar_rows import FROM_THE_START, AvatarRow
 from livehand.backend.research.baselines.mesh_wrapping import MESH_TEXTURE, MESH_WRAPPING
 from livehand.backend.research.baselines.method import Budget, Fitted, FittingMachine
 from livehand.backend.research.comparison import run as run_module
@@ -20,10 +21,11 @@ from livehand.backend.research.comparison.grid import detailed_part, load_pictur
 from livehand.backend.research.comparison.measures import Measures
 from livehand.backend.research.comparison.misfit import Misfit
 from livehand.backend.research.comparison.page import Line, Page, Table
-from livehand.backend.research.comparison.rows import METHODS, Row, chosen_rows, load_own_method
+from livehand.backend.research.comparison.rows import METHODS, AvatarSettings, Row, chosen_rows, load_own_method
 from livehand.backend.research.comparison.run import Comparison, ComparisonPlan
 from livehand.backend.research.comparison.speed import SpeedPlan
 from livehand.backend.system.command import run_commands
+from livehand.backend.training.config import PAPER
 from livehand.backend.training.processes import ComputeSetup
 from livehand.livehand_blender.cli import COMMANDS
 from PIL import Image
@@ -229,13 +231,28 @@ def test_rows_are_chosen_by_table_and_name(own):
         "default@beta",
         "default@smooth",
     ]
-    assert chosen_rows(("comparison",), ["paper"], samples=16)[0].method.config.sampler.samples_per_ray == 16
+    assert (
+        chosen_rows(("comparison",), ["paper"], avatars=AvatarSettings(16))[0].method.config.sampler.samples_per_ray
+        == 16
+    )
     assert len({method.name for method in METHODS}) == len(METHODS)
     for wrong in ((("tables",), None), (("comparison",), ["nerf"])):
         with pytest.raises(LiveHandError, match="must be of"):
             chosen_rows(*wrong)
     with pytest.raises(LiveHandError, match="two of 'paper'"):
         chosen_rows(("comparison",), None, [replace(own, name="paper")])
+
+
+def test_the_papers_loss_keeps_what_a_row_leaves_out():
+    rows = chosen_rows(("components",), None, avatars=AvatarSettings(has_loss_of_paper=True, patch_px=32))
+    loss = {row.name: row.method.loss for row in rows if isinstance(row.method, AvatarRow)}
+    for name in ("no_sr_full", "paper", "bilinear"):
+        assert (loss[name].colour_l2, loss[name].colour_l1, loss[name].perceptual) == (1, 0, 1)
+    assert (loss["no_sr"].perceptual, loss["no_sr"].low_l2, loss["no_sr"].colour_l2) == (0, 0, 1)
+    assert (loss["no_sr_full"].low_l2, loss["paper"].low_l2) == (0, PAPER.loss.low_l2)
+    patch = loss["no_sr_patch"]
+    assert (patch.perceptual_region, patch.perceptual_patch_px, patch.perceptual) == ("patch_all", 32, 1)
+    assert {row.method.loss for row in chosen_rows(("components",), ["paper"])} == {FROM_THE_START}
 
 
 @pytest.mark.parametrize(
