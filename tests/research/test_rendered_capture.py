@@ -56,7 +56,9 @@ def test_pictures_are_means_of_rendered_pixels_and_are_made_once(planned, hand):
     painter = Painter(hand)
     render_capture(planned, painter)
     assert len(painter.shots) == len(planned.views)
-    assert painter.shots[0].camera.size_px == (16, 16)
+    shown, planned_camera = painter.shots[0].camera, planned.views[0].camera
+    assert shown.size_px == (16, 16)
+    assert np.allclose(shown.K[:2], 2 * planned_camera.K[:2])
     loaded = load_capture(planned.folder)
     assert loaded.provenance["plan"]["field_m"] == 0.06
     linear = loaded.read_linear(loaded.views[0])

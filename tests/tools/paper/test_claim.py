@@ -28,12 +28,12 @@ def test_a_fair_coin_falls_as_unevenly_that_often(lower, count, p):
 
 def test_views_are_counted_by_the_mean_over_seeds():
     plain = {("plain", seed): {"a": {"lpips": 0.2}, "b": {"lpips": 0.2}, "c": {"lpips": 0.2}} for seed in SEEDS}
-    lpips = {0: (0.1, 0.1, 0.3), 1: (0.1, 0.25, 0.3), 2: (0.1, 0.22, 0.1)}
+    lpips = {0: (0.1, 0.25, 0.3), 1: (0.1, 0.1, 0.3), 2: (0.1, 0.12, 0.1)}
     ours = {("ours", seed): {f: {"lpips": v} for f, v in zip("abc", lpips[seed], strict=True)} for seed in SEEDS}
     found = sign_test({**plain, **ours}, "ours", "plain")
-    assert (found["views"], found["lower_views"], found["pairs"], found["lower_pairs"]) == (3, 2, 9, 5)
+    assert (found["views"], found["lower_views"], found["pairs"], found["lower_pairs"]) == (3, 2, 9, 6)
     assert found["p"] == 1.0
-    assert found["mean_gap"] == pytest.approx(-0.0256, abs=1e-4)
+    assert found["mean_gap"] == pytest.approx(-0.0367, abs=1e-4)
 
 
 def test_figures_and_pictures_of_all_seeds_are_gathered(tmp_path, monkeypatch):
