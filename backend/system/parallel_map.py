@@ -34,7 +34,7 @@ def parallel_map(
         with thread_limit(1):
             return work(item)
 
-    results = []
+    results: list[Result] = []
     with ThreadPoolExecutor(max(1, threads or usable_threads()), thread_name_prefix="livehand-each") as pool:
         futures = [pool.submit(alone, item) for item in items]
         try:
