@@ -21,7 +21,7 @@ from .node_graph import NodeGraph, Socket, enable_nodes
 from .skin import NAIL_ROUGHNESS, UV_LAYER, PosedRelief, SkinTone, connect_skin, nail_subsurface
 from .surface import SkinSurface
 
-_ALPHA, _KNOWN_PX = 3, 1024
+_ALPHA, _BAKED_PX = 3, 1024
 _LEAST_SCATTERED = 0.98  # of light, in skin that is no nail
 
 
@@ -41,7 +41,7 @@ def dressed_surface(hand: DressedHand, maps_folder: Path) -> SkinSurface:
     textures = hand.textures
     detail = detailed_surface(hand.model).with_veins(hand.model, textures.vein)
     surface = SkinSurface.create(hand.model, detail, textures.person.veins_mm)
-    known = bake_skin(surface.object, maps_folder, SkinTone.of(textures.trained_on), _KNOWN_PX)
+    known = bake_skin(surface.object, maps_folder, SkinTone.of(textures.trained_on), _BAKED_PX)
     size = len(textures.network_albedo)
     is_nail = _map(known["mask"], size)[..., 1] < _LEAST_SCATTERED
     surface.object.data.materials.append(
