@@ -19,7 +19,8 @@ from ..capture.lights import CaptureLight
 from ..capture.picture import linear_to_srgb
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError
-from ..records.hand_picture import BACKGROUND, HAND, HandPicture
+from ..records.frame import Frame
+from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..surface.surface_file import surface_sha256, write_surface
 from ..system.files import replacing
 from .captured_pictures import pictures_of_capture
@@ -30,6 +31,7 @@ from .numbers import PixelTones
 from .refit import refitted
 
 _MOST_PICTURES, _REFITS = 120, 2
+_LEAST_ALPHA = 1e-3
 _SURFACE = "surface/person.npz"
 
 
@@ -68,7 +70,7 @@ def write_lit_capture(
     write_surface(output / _SURFACE, person.surface)
     surface = SurfaceReference(_SURFACE, surface_sha256(person.surface))
     facts = {"made_by": "livehand train --person", "source": hand.source, "is_mirrored": hand.side == "left"}
-    return _written(pictures, lights, Capture(output, model.sha256, facts, (), (), surface=surface))
+    return _written(known, pictures, lights, Capture(output, model.sha256, facts, (), (), surface=surface))
 
 
 def scene_lights(
@@ -92,7 +94,9 @@ def scene_lights(
     return lights
 
 
-def _written(pictures: Sequence[HandPicture], lights: Mapping[int, Illumination], capture: Capture) -> Capture:
+def _written(
+    known: PersonModel, pictures: Sequence[HandPicture], lights: Mapping[int, Illumination], capture: Capture
+) -> Capture:
     scenes, moments = list(lights), list(dict.fromkeys(picture.moment for picture in pictures))
     views = []
     for index, picture in enumerate(pictures):
@@ -106,7 +110,8 @@ def _written(pictures: Sequence[HandPicture], lights: Mapping[int, Illumination]
             light=scenes.index(picture.scene),
             exposure=exposure,
         )
-        _write_picture(capture.folder / view.file, picture, exposure)
+        own = known.rendered(picture.pose, picture.camera, lights[picture.scene].tinted)
+        _write_picture(capture.folder / view.file, picture, own, exposure)
         views.append(view)
     poses = {moments.index(picture.moment): picture.pose for picture in pictures}
     of_scene = tuple(CaptureLight("found", light.tinted) for light in lights.values())
@@ -117,10 +122,25 @@ def _written(pictures: Sequence[HandPicture], lights: Mapping[int, Illumination]
     return whole
 
 
-def _write_picture(path: Path, picture: HandPicture, exposure: float) -> None:
-    """Write a picture in the exposure and white balance that all share; what is unknown counts half."""
-    encoded = linear_to_srgb((linear_colours(picture) * exposure).clip(0, 1))
-    alpha = np.where(picture.labels == HAND, 1.0, np.where(picture.labels == BACKGROUND, 0.0, 0.5))
-    pixels = (255 * np.concatenate([encoded, alpha[..., None]], -1)).round().astype(np.uint8)
+def with_own_unknown(picture: HandPicture, own: Frame) -> tuple[np.ndarray, np.ndarray]:
+    """Return a picture's linear colors [H, W, 3] and alpha [H, W]: where it is unknown, what its person shows there.
+
+    So training leaves as it is what no picture tells, such as an arm that masks end before.
+
+    Args:
+        picture: with its labels.
+        own: frame of its person, in its light.
+    """
+    is_unknown, is_hand = picture.labels == UNKNOWN, picture.labels == HAND
+    straight = own.rgb / np.maximum(own.alpha[..., None], _LEAST_ALPHA)
+    linear = np.where(is_unknown[..., None], straight, linear_colours(picture))
+    return linear, np.where(is_unknown, own.alpha, is_hand.astype(own.alpha.dtype))
+
+
+def _write_picture(path: Path, picture: HandPicture, own: Frame, exposure: float) -> None:
+    """Write a picture in the exposure and white balance that all share."""
+    linear, alpha = with_own_unknown(picture, own)
+    encoded = linear_to_srgb((linear * exposure).clip(0, 1).astype(np.float32))
+    pixels = (255 * np.concatenate([encoded, alpha[..., None]], -1)).round().clip(0, 255).astype(np.uint8)
     with replacing(path) as temporary:
         Image.fromarray(pixels).save(temporary)
