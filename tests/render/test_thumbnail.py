@@ -1,6 +1,8 @@
 """The thumbnail in an avatar's file."""
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -84,4 +86,13 @@ def test_the_command_refuses_another_hand(tmp_path, capsys):
     before = path.read_bytes()
     assert run_commands("livehand", "", COMMANDS, ["thumbnail", str(path)]) == 1
     assert "must be given its own hand model" in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+def test_the_command_does_not_write_into_a_record_of_numbers(tmp_path, capsys, monkeypatch):
+    path = Path(shutil.copy(shipped_avatar_path("lena"), tmp_path))
+    before = path.read_bytes()
+    monkeypatch.setattr("livehand.backend.avatars.drawn_people.drawn_avatar", lambda hand, look, name, base: base)
+    assert run_commands("livehand", "", COMMANDS, ["thumbnail", str(path), "--device", "cpu"]) == 1
+    assert "must be an avatar with networks to be written into" in capsys.readouterr().err
     assert path.read_bytes() == before
