@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from livehand.backend.avatars.drawn_people import MADE_BY
 from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.avatars.library import SKINS, shipped_avatar_path
 from livehand.backend.avatars.metadata import read_metadata
@@ -51,6 +52,17 @@ def test_shipped_avatars_have_theirs(skin, hand):
     now = render_thumbnail(Renderer(load_avatar(path), hand, "cpu"))
     # Of 255; files were written before outlines were those of the known surface (light: 1.3), and processors differ.
     assert np.abs(stored.astype(int) - now).mean() < 2
+
+
+def test_it_shows_a_drawn_person_in_their_own_shape(hand):
+    avatar = load_avatar()
+
+    def share(girth):
+        person = replace(avatar.surface.person, beta=(0.0, girth, *[0.0] * 8))
+        drawn = replace(avatar, provenance={"made_by": MADE_BY}, surface=replace(avatar.surface, person=person))
+        return (render_thumbnail(Renderer(drawn, hand, "cpu"))[..., 3] > 128).mean()
+
+    assert share(3.0) > 1.08 * share(-3.0)
 
 
 def test_it_survives_the_file(tmp_path, thumbnail):
