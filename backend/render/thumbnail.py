@@ -52,8 +52,9 @@ def render_thumbnail(renderer: Renderer) -> np.ndarray:
 
 def _beta(avatar: Avatar) -> np.ndarray:
     """Return the shape [10] to show: the person's own if it was drawn, else the hand's."""
-    is_drawn = avatar.provenance.get("made_by") == MADE_BY and avatar.surface is not None
-    return np.array(avatar.surface.person.beta) if is_drawn else np.zeros(10)
+    if avatar.provenance.get("made_by") == MADE_BY and avatar.surface is not None:
+        return np.array(avatar.surface.person.beta)
+    return np.zeros(10)
 
 
 def _averaged(plane: np.ndarray) -> np.ndarray:
