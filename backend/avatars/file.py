@@ -139,6 +139,22 @@ def write_record(avatar: Avatar, look: PersonLook, path: Path) -> None:
     _write(header, tensors, path)
 
 
+def check_keeps_networks(path: Path) -> None:
+    """Refuse to write into a record, which would become a whole avatar of the version that wrote it.
+
+    Raises:
+        LiveHandError: the file is one, or as `load_avatar`.
+    """
+    header = read_header(path)
+    if drawn_people.LOOK_KEY in header:
+        numbers = drawn_people.look_of(header, path).facts().items()
+        options = " ".join(f"--{name} {value:g}" if name != "seed" else f"--seed {value}" for name, value in numbers)
+        raise LiveHandError(
+            f"{path} must be an avatar with networks to be written into, got the record of a person's numbers; make "
+            f"an avatar of them with: livehand new-person {options} -o FILE.safetensors"
+        )
+
+
 def _kept_person(path: Path, header: dict[str, Any], tensors: dict[str, Tensor]) -> Avatar:
     """Load the avatar of a record, which is made when it is loaded for the first time."""
     kept = drawn_people.made_path(path, header)

@@ -79,7 +79,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ..avatars.file import load_avatar
+    from ..avatars.file import check_keeps_networks, load_avatar
     from ..avatars.identities import of_identity
     from ..capture.capture import load_capture
     from ..hand.model_file import DEFAULT_HAND, load_hand_model
@@ -90,6 +90,8 @@ def _run(args: argparse.Namespace) -> dict:
 
     if args.identity and args.record:
         raise LiveHandError("--record is of a whole avatar, got --identity; leave one of them out")
+    if args.record:
+        check_keeps_networks(args.avatar)
     avatar = load_avatar(args.avatar)
     if args.identity:
         avatar = of_identity(avatar, args.identity)

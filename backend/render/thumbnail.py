@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..avatars.avatar import Avatar
+from ..avatars.drawn_people import MADE_BY
 from ..geometry.framing import fitting_camera
 from ..geometry.rotation import matrix_to_axis_angle
 from ..hand.lbs import posed_vertices
@@ -24,30 +25,36 @@ _FILL = 0.92  # share of the image that the hand takes up
 _SUPERSAMPLING = 2  # sharper than rendering small, because it is closer to the image size of training
 
 
-def with_thumbnail(avatar: Avatar, hand: HandModel, device: str = "auto", beta: np.ndarray | None = None) -> Avatar:
+def with_thumbnail(avatar: Avatar, hand: HandModel, device: str = "auto") -> Avatar:
     """Return the avatar with a new thumbnail.
 
     Args:
         avatar: of `hand`, or of a hand model that differs from it only by a refined surface.
         hand: the hand model to render.
         device: to render on.
-        beta: [10] shape of the person; None: the hand's own, as of all trained avatars.
     """
     renderer = Renderer(replace(avatar, hand_sha256=hand.sha256), hand, device)
-    return replace(avatar, thumbnail=render_thumbnail(renderer, beta))
+    return replace(avatar, thumbnail=render_thumbnail(renderer))
 
 
-def render_thumbnail(renderer: Renderer, beta: np.ndarray | None = None) -> np.ndarray:
-    """Render [192, 192, 4] uint8: sRGB with straight alpha, top row first; `beta` as in `with_thumbnail`."""
+def render_thumbnail(renderer: Renderer) -> np.ndarray:
+    """Render [192, 192, 4] uint8: sRGB with straight alpha, top row first; drawn people in their own shape."""
     theta = np.zeros((16, 3))
     theta[0] = matrix_to_axis_angle(upright(renderer.hand.side))
-    pose = HandPose(theta, np.zeros(10) if beta is None else beta, np.zeros(3), renderer.hand.side)
+    pose = HandPose(theta, _beta(renderer.avatar), np.zeros(3), renderer.hand.side)
     vertices = posed_vertices(renderer.hand, pose)
     framed = vertices[renderer.hand.for_side(pose.side).framed_vertices]
     camera = fitting_camera(framed, _TOWARDS_CAMERA, (SIDE_PX * _SUPERSAMPLING, SIDE_PX * _SUPERSAMPLING), _FILL)
     frame = renderer.render(Shot(pose, vertices, camera, studio_light()))
     small = Frame(_averaged(frame.rgb), _averaged(frame.alpha), _averaged(frame.depth))
     return (straight_srgb(small) * 255).round().astype(np.uint8)
+
+
+def _beta(avatar: Avatar) -> np.ndarray:
+    """Return the shape [10] to show: the person's own if it was drawn, else the hand's."""
+    if avatar.provenance.get("made_by") == MADE_BY and avatar.surface is not None:
+        return np.array(avatar.surface.person.beta)
+    return np.zeros(10)
 
 
 def _averaged(plane: np.ndarray) -> np.ndarray:

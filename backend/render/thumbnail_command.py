@@ -16,11 +16,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ..avatars.file import load_avatar, save_avatar
+    from ..avatars.file import check_keeps_networks, load_avatar, save_avatar
     from ..hand.model_file import DEFAULT_HAND, load_hand_model
     from .renderer import Renderer
     from .thumbnail import render_thumbnail
 
+    check_keeps_networks(args.avatar)
     avatar = load_avatar(args.avatar)
     hand = load_hand_model(args.hand or DEFAULT_HAND)
     save_avatar(replace(avatar, thumbnail=render_thumbnail(Renderer(avatar, hand, args.device))), args.avatar)

@@ -4,12 +4,14 @@ import csv
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.avatar import AvatarConfig, new_avatar
 from livehand.backend.avatars.file import load_avatar, save_avatar
+from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.capture.capture import save_capture_index
 from livehand.backend.capture.exr import write_exr
 from livehand.backend.capture.lights import CaptureLight
@@ -380,6 +382,17 @@ def test_recorded_metrics_change_only_the_metadata(own_capture, avatar_path, cap
     assert after.provenance == before.provenance
     for name, weights in before.superres.state_dict().items():
         assert after.superres.state_dict()[name].equal(weights)
+
+
+def test_results_are_not_recorded_in_a_record_of_numbers(own_capture, tmp_path, capsys, monkeypatch):
+    path = Path(shutil.copy(shipped_avatar_path("lena"), tmp_path))
+    before = path.read_bytes()
+    monkeypatch.setattr("livehand.backend.avatars.drawn_people.drawn_avatar", lambda hand, look, name, base: base)
+    assert evaluate(own_capture.folder, "--avatar", path, "--device", "cpu", "--record") == 1
+    error = capsys.readouterr().err
+    assert "must be an avatar with networks to be written into" in error
+    assert "new-person --seed 11 --age 24 --tone 0.04" in error
+    assert path.read_bytes() == before
 
 
 def test_the_command_selects_splits(own_capture, avatar_path, capsys):

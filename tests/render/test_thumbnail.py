@@ -1,9 +1,12 @@
 """The thumbnail in an avatar's file."""
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from livehand.backend.avatars.drawn_people import MADE_BY
 from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.avatars.library import SKINS, shipped_avatar_path
 from livehand.backend.avatars.metadata import read_metadata
@@ -51,6 +54,17 @@ def test_shipped_avatars_have_theirs(skin, hand):
     assert np.abs(stored.astype(int) - now).mean() < 2
 
 
+def test_it_shows_a_drawn_person_in_their_own_shape(hand):
+    avatar = load_avatar()
+
+    def share(girth):
+        person = replace(avatar.surface.person, beta=(0.0, girth, *[0.0] * 8))
+        drawn = replace(avatar, provenance={"made_by": MADE_BY}, surface=replace(avatar.surface, person=person))
+        return (render_thumbnail(Renderer(drawn, hand, "cpu"))[..., 3] > 128).mean()
+
+    assert share(3.0) > 1.08 * share(-3.0)
+
+
 def test_it_survives_the_file(tmp_path, thumbnail):
     save_avatar(replace(load_avatar(), thumbnail=thumbnail), tmp_path / "a.safetensors")
     back = load_avatar(tmp_path / "a.safetensors").thumbnail
@@ -84,4 +98,13 @@ def test_the_command_refuses_another_hand(tmp_path, capsys):
     before = path.read_bytes()
     assert run_commands("livehand", "", COMMANDS, ["thumbnail", str(path)]) == 1
     assert "must be given its own hand model" in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+def test_the_command_does_not_write_into_a_record_of_numbers(tmp_path, capsys, monkeypatch):
+    path = Path(shutil.copy(shipped_avatar_path("lena"), tmp_path))
+    before = path.read_bytes()
+    monkeypatch.setattr("livehand.backend.avatars.drawn_people.drawn_avatar", lambda hand, look, name, base: base)
+    assert run_commands("livehand", "", COMMANDS, ["thumbnail", str(path), "--device", "cpu"]) == 1
+    assert "must be an avatar with networks to be written into" in capsys.readouterr().err
     assert path.read_bytes() == before

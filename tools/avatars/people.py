@@ -20,7 +20,7 @@ from ...backend.system.command import warn
 
 _THUMBNAIL_PX = 96  # a record is hardly more than its thumbnail
 PEOPLE: Mapping[Shipped, tuple[int, dict[str, float | None]]] = {
-    "lena": (11, {"age": 24, "tone": 0.04, "build": 0.22, "freckles": 1.3, "hair": 0.15, "nails": 1.5, "veins": 0.14}),
+    "lena": (11, {"age": 24, "tone": 0.04, "build": 0.32, "freckles": 1.3, "hair": 0.15, "nails": 1.5, "veins": 0.14}),
     "tomas": (23, {"age": 58, "tone": 0.15, "build": 0.9, "freckles": 0.9, "hair": 1.6, "nails": 0.6, "veins": 0.5}),
     "mei": (36, {"age": 36, "tone": 0.28, "build": 0.12, "freckles": 0.1, "hair": 0.05, "nails": 0.9, "veins": 0.2}),
     "ravi": (41, {"age": 31, "tone": 0.58, "build": 0.68, "freckles": 0.2, "hair": 1.2, "nails": 0.6, "veins": 0.26}),

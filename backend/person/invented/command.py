@@ -57,8 +57,6 @@ def making(args: argparse.Namespace, log: Callable[[str], None]) -> dict[str, An
 
 def new_person(look: PersonLook, name: str, log: Callable[[str], None]) -> Avatar:
     """Make the avatar of a person, relightable and without training, with its thumbnail; `log` is told what begins."""
-    import numpy as np
-
     from ...avatars.drawn_people import drawn_avatar, nearest_base
     from ...avatars.file import load_avatar
     from ...hand.model_file import DEFAULT_HAND, load_hand_model
@@ -70,7 +68,7 @@ def new_person(look: PersonLook, name: str, log: Callable[[str], None]) -> Avata
     log("drawing the skin")
     avatar = drawn_avatar(hand, look, name, base)
     log("rendering the thumbnail")
-    return with_thumbnail(avatar, hand, "cpu", np.array(look.person().beta))
+    return with_thumbnail(avatar, hand, "cpu")
 
 
 def _free_seed() -> int:

@@ -122,7 +122,7 @@ def _hair_share(template: DetailTemplate, look: PersonLook, base: np.ndarray) ->
 
 
 class _Bands(NamedTuple):
-    """Splits a map into what is finer and what is coarser than networks resolve; 0 beside the skin.
+    """Splits a map into what is finer and what is coarser than networks resolve.
 
     Attributes:
         texels: of the map.
@@ -139,10 +139,7 @@ class _Bands(NamedTuple):
     def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Split values [T] into a fine map [N, N] and a coarse one [N / 4, N / 4]."""
         small, wide = self._smooth(values, COARSEST_MM), self._smooth(values, WIDEST_MM)
-        coarse = ((small - wide) * (self.share > 0.5))[0, 0].numpy()
-        fine = np.zeros(self.texels.resolution**2, np.float32)
-        fine[self.texels.pixel] = values - self._at_texels(small)
-        return fine.reshape(self.texels.resolution, -1), coarse
+        return self._spread(values - self._at_texels(small)), (small - wide)[0, 0].numpy()
 
     def blurred(self, values: np.ndarray) -> np.ndarray:
         """Blur values [T] to what networks resolve."""
@@ -150,7 +147,11 @@ class _Bands(NamedTuple):
 
     def coarse(self, values: np.ndarray) -> np.ndarray:
         """Average values [T] over the coarse texels [N / 4, N / 4]."""
-        return avg_pool2d(_plane(self.texels, values), _COARSER)[0, 0].numpy()
+        return avg_pool2d(torch.from_numpy(self._spread(values))[None], _COARSER)[0].numpy()
+
+    def _spread(self, values: np.ndarray) -> np.ndarray:
+        """Return values [T] as a map [N, N] that goes on beyond the charts, so that their borders are no steps."""
+        return self.texels.as_map(values[:, None].astype(np.float32))[..., 0]
 
     def _smooth(self, values: np.ndarray, deviation_mm: float) -> torch.Tensor:
         deviation = deviation_mm * self.share.shape[-1] / ATLAS_MM

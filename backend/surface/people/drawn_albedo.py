@@ -16,13 +16,16 @@ from .solid_noise import SolidNoise
 
 BLOOD = np.array([-0.03, -0.40, -0.43], np.float32)
 """By which blood of 1 more changes the logarithm of albedo in places: less yellow than that of whole people."""
+_THROUGH_PIGMENT = np.array([0.0, 0.02, -0.16], np.float32)
+"""What deep pigment adds to that: it is brown, not magenta."""
 _YELLOW = np.array([0.0, -0.05, -0.36], np.float32)
+_PIGMENT = np.array([0.55, 0.8, 1.0], np.float32)
 _VEIN = np.array([-0.26, -0.06, 0.06], np.float32)
 _BACK = np.array([[0.590, 0.338, 0.232], [0.118, 0.0445, 0.0215]], np.float32)  # of a light and of a deep skin
 _PALM = np.array([[0.735, 0.500, 0.415], [0.455, 0.228, 0.131]], np.float32)
 _ARM = np.array([[0.500, 0.290, 0.195], [0.112, 0.042, 0.0205]], np.float32)
 _NAIL = {
-    "bed": np.array([[0.705, 0.425, 0.350], [0.335, 0.172, 0.121]], np.float32),
+    "bed": np.array([[0.690, 0.390, 0.325], [0.320, 0.158, 0.112]], np.float32),
     "moon": np.array([[0.760, 0.580, 0.510], [0.420, 0.285, 0.225]], np.float32),
     "flush": np.array([[0.620, 0.310, 0.260], [0.280, 0.130, 0.088]], np.float32),
     "free": np.array([[0.740, 0.650, 0.540], [0.520, 0.430, 0.340]], np.float32),
@@ -45,7 +48,8 @@ def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, l
     skin = outer + palm * (_mixed(look, _PALM) - outer)
     blood = look.blood - 1 + _blood(chart, noise, look) * (1 + _BELOW_PIGMENT * look.tone * (1 - chart.palm))
     skin = skin + blood[:, None] * BLOOD + _yellow(chart, noise, look)[:, None] * _YELLOW
-    skin = skin + _pigment(chart, noise, look)[:, None] * np.array([-0.55, -0.8, -1.0], np.float32)
+    brown = blood * (1 - chart.palm) * np.float32(min(look.tone, 1.0))
+    skin = skin + brown[:, None] * _THROUGH_PIGMENT + _pigment(chart, noise, look)[:, None] * -_PIGMENT
     skin = skin + (_vein(chart, veins) * (1 - 0.75 * min(look.tone, 1.0)))[:, None] * _VEIN
     skin = skin + _spots(chart, look)[:, None] * _mixed_linear(look, _SPOT)
     skin = skin + relief.furrow[:, None] * np.array([-0.10, -0.16, -0.18], np.float32)
@@ -64,8 +68,8 @@ def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     joint, d, r = chart.from_joint_mm, *plane(chart.points_mm).T
     dorsal = smoothstep(chart.height, -0.1, 0.6)
     fingers = chart.on_digit * dorsal
-    knuckles = bump(joint[:, 0] - 1, 7.0) * bump(chart.lateral, 7.0) * (1 - chart.palm) * (chart.digit != THUMB)
-    of_joints = 0.95 * own[0] * bump(joint[:, 1], 5.5) + 0.75 * own[1] * bump(joint[:, 2], 4.5)
+    knuckles = bump(joint[:, 0] - 1, 8.5) * bump(chart.lateral, 8.0) * (1 - chart.palm) * (chart.digit != THUMB)
+    of_joints = 0.72 * own[0] * bump(joint[:, 1], 7.0) + 0.6 * own[1] * bump(joint[:, 2], 5.5)
     tips = smoothstep(chart.along - chart.length[chart.digit], -17.0, -5.0) * chart.on_digit
     thenar = bump(np.hypot((d - 34) / 24, (r - 24) / 15), 0.6)
     ulnar = smoothstep(-r, 20.0, 34.0) * smoothstep(d, -5.0, 18.0) * smoothstep(d, 84.0, 62.0)
@@ -73,17 +77,17 @@ def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     hollow = bump(np.hypot((d - 48) / 22, (r + 4) / 13), 0.6)
     on_palm = (1 - chart.on_digit) * chart.palm * (1 - chart.arm)
     palm = on_palm * (0.45 * own[2] * thenar + 0.70 * own[3] * ulnar + 0.45 * own[4] * pads - 0.30 * own[5] * hollow)
-    back = 0.90 * own[6] * knuckles + fingers * of_joints + 0.90 * own[7] * tips
+    back = 0.62 * own[6] * knuckles + fingers * of_joints + 0.90 * own[7] * tips
     web = 0.2 * bump(joint[:, 0] - 20, 7.0) * (1 - dorsal)
-    points, mottle = chart.points_mm, 0.13
+    points, mottle = chart.points_mm, 0.15
     patches = (
-        0.22 * noise.smooth(points, 42.0, 1)
+        0.27 * noise.smooth(points, 42.0, 1)
         + mottle * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
         + 0.5 * mottle * noise.smooth(points[:, [2, 0, 1]], 5.0, 2)
     )
     calm = 1 - 0.65 * smoothstep(d, 22.0, -25.0)
     patches = np.where(patches < 0, 0.65, 1.1) * patches * (1 + 0.4 * chart.palm) * calm
-    return np.maximum(back + palm + web + patches - 0.14, _LEAST_BLOOD)
+    return np.maximum(back + palm + web + patches - 0.14, _LEAST_BLOOD * (1 - 0.5 * min(look.tone, 1.0)))
 
 
 def _yellow(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
@@ -136,20 +140,22 @@ def _with_nails(chart: HandChart, rim: np.ndarray, noise: SolidNoise, look: Pers
     at = (rim < 1.35).nonzero()[0]
     along, across, near = chart.nail_along[at], chart.nail_across[at], rim[at]
     streaks = noise.smooth(np.stack([0.15 * along, across, chart.digit[at]], 1).astype(np.float32) * 8, 3.0, 2)
-    bed = colours["bed"] + (0.10 * streaks + 0.12 * smoothstep(near, 0.6, 0.98))[:, None] * BLOOD
+    sides = smoothstep(np.abs(across), 0.45, 1.0)
+    bed = colours["bed"] + (0.12 * streaks + 0.14 * smoothstep(near, 0.6, 0.98) + 0.16 * sides)[:, None] * BLOOD
+    bed = bed - np.float32(0.10 * min(look.tone, 1.0)) * smoothstep(streaks, -0.4, 1.4)[:, None] * _PIGMENT
     reach = 0.41 * _MOON[chart.digit[at]] - 0.93
     moon = smoothstep(along + 0.35 * across**2 - reach, 0.07, -0.07)
-    nail = _towards(bed, colours["moon"], 0.8 * moon)
+    nail = _towards(bed, colours["moon"], 0.85 * moon)
     half_mm = _HALF_NAIL_MM[chart.digit[at]]
     free = 1 - (look.nails + 0.25) / half_mm - 0.16 * across**2
-    nail = _towards(nail, colours["flush"], 0.6 * bump(along - free + 0.10, 0.07))
+    nail = _towards(nail, colours["flush"], 0.75 * bump(along - free + 0.12, 0.09))
     nail = _towards(nail, colours["free"], 0.9 * smoothstep(along - free + 0.02 * streaks, -0.03, 0.03))
     nail = nail + np.float32(0.5 * look.aged) * (0.3 * _YELLOW + np.array([-0.06, -0.06, -0.06], np.float32))
     cuticle = smoothstep(near, 0.90, 0.97) * smoothstep(along, 0.0, -0.5)
     nail = _towards(nail, colours["cuticle"], 0.6 * cuticle)
     flesh = skin[at] + (bump(near - 1.12, 0.08) * smoothstep(along, 1.1, 0.7) * 0.35)[:, None] * BLOOD
     coloured = skin.copy()
-    coloured[at] = _towards(flesh, nail, smoothstep(near, 1.015, 0.965))
+    coloured[at] = _towards(flesh, nail, smoothstep(near, 1.05, 0.93))
     return coloured
 
 

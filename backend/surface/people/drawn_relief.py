@@ -21,7 +21,7 @@ _CELL_DEEP_MM = (0.036, 0.034), (0.019, 0.075)  # of the young, and what age add
 _HALF_FURROW = 0.16, 0.10  # of a cell
 _PAD_FROM_TIP_MM = 10.0
 _RELIEF, _FOLDS, _PALM = 11, 12, 13  # purposes of random numbers
-_NAIL_EXPONENTS = 2.6, 2.4
+_NAIL_EXPONENTS = 2.3, 2.15
 _MINOR_LINES = 45, 70  # of a palm: of the young, and what age adds
 
 
@@ -65,10 +65,11 @@ def drawn_relief(chart: HandChart, look: PersonLook) -> DrawnRelief:
     noise, nail = SolidNoise.of(look.random(_RELIEF)), nail_shape(chart)
     creases = palm_creases(look.random(_PALM), round(_MINOR_LINES[0] + _MINOR_LINES[1] * look.aged))
     skin = 1 - nail.inside
-    furrow_mm, furrow = _furrows(chart, noise, look)
+    rough = smoothstep(nail.rim, 1.05, 1.5)  # the folds of skin around a nail are smooth
+    furrow_mm, furrow = (rough * part for part in _furrows(chart, noise, look))
     soft = 0.02 * noise.smooth(chart.points_mm, 2.6, 2)
     relief = skin * (soft - furrow_mm + _ridges(chart, noise, look)) + _rim_mm(chart, nail)
-    dorsal = skin * _dorsal_folds(chart, noise, look)
+    dorsal = rough * _dorsal_folds(chart, noise, look)
     return DrawnRelief(relief, dorsal, _palmar_creases(chart, creases, look), skin * furrow, nail.rim)
 
 

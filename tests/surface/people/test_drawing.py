@@ -5,7 +5,9 @@ import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
 from livehand.backend.surface.base_surface import HAIR_FILE, base_arrays
+from livehand.backend.surface.detail_maps_file import NAIL_STEP
 from livehand.backend.surface.people.drawing import AtlasSizes, drawn_person
+from livehand.backend.surface.people.drawn_relief import nail_shape
 from livehand.backend.surface.people.drawn_surface import albedo_ratio_arrays
 from livehand.backend.surface.people.look import PersonLook
 from livehand.backend.surface.stored_surface import check_arrays
@@ -35,12 +37,22 @@ def test_what_is_drawn_is_there(drawn):
     assert "coarse/pigment_light" not in drawn.arrays  # what the base's own rays pass over
 
 
-def test_fine_maps_have_no_mean_and_end_with_the_skin(drawn, texels):
-    fine = drawn.arrays["fine/relief"].astype(float).ravel()
-    beside = np.ones(len(fine), bool)
-    beside[texels.pixel] = False
-    assert (fine[beside] == 0).all()
-    assert abs(fine[texels.pixel].mean()) < 0.1 * fine[texels.pixel].std()
+def test_fine_maps_have_no_mean_and_go_on_beside_the_skin(drawn, texels):
+    """Else there would be a step in relief, which shines, wherever two charts meet."""
+    fine = drawn.arrays["fine/relief"].astype(float)
+    skin = texels.from_map(fine)
+    assert np.array_equal(fine, texels.as_map(skin)[..., 0])
+    assert abs(skin.mean()) < 0.1 * skin.std()
+
+
+def test_nails_do_not_fade_where_charts_meet(drawn, chart, texels):
+    row, column = np.divmod(texels.pixel, 512)
+    block = (row // 4) * 128 + column // 4
+    count, outermost = np.bincount(block, minlength=128**2), np.zeros(128**2)
+    np.maximum.at(outermost, block, nail_shape(chart).rim)
+    on_border = (count > 0) & (count < 16) & (outermost < 0.85)
+    assert on_border.any()
+    assert (drawn.arrays["nail"].ravel()[on_border] * NAIL_STEP > 0.95).all()
 
 
 def test_the_ratio_times_the_networks_colour_is_the_drawn_one():
