@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import textwrap
 from collections import deque
+from collections.abc import Sequence
 from statistics import median
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ import bpy
 import gpu
 from gpu_extras.batch import batch_for_shader
 
+from ...backend.avatars.library import PERSONS, SKINS, shipped_skin
 from ...backend.records.errors import LiveHandError
 from ...backend.render.frame_task import is_equal
 from ...backend.system.memory import memory_message
@@ -158,8 +160,8 @@ class Viewport:
         request = ViewportRequest(self._hands, view.camera, rec709_to_working_space(), solids)
         if self._submitted and is_equal((request, scale, is_playing), self._submitted):
             return
-        if self._submitted is None and self._hands:
-            self._message = "loading the avatar"
+        if waits_for := _loading(self._hands, self._submitted):
+            self._message = waits_for
         self._submitted = request, scale, is_playing
         moving_px = self._pace.side_px
         moving_scale = min(scale, moving_px / max(request.camera.size_px))
@@ -183,6 +185,16 @@ class Viewport:
 def _drawn_hands(depsgraph: bpy.types.Depsgraph) -> tuple[VisibleHand, ...]:
     """Find the hands that are drawn over the view: the holes of holdouts are Cycles', of their meshes."""
     return tuple(hand for hand in visible_hands(depsgraph) if not hand.is_holdout)
+
+
+def _loading(hands: Sequence[ViewportHand], submitted: tuple[ViewportRequest, float, bool] | None) -> str:
+    """Tell what views wait for: any avatar at first, later the people of numbers alone; empty: nothing long."""
+    shown = () if submitted is None else submitted[0].hands
+    known = {hand.source.avatar_path for hand in shown}
+    new = [shipped_skin(hand.source.avatar_path) for hand in hands if hand.source.avatar_path not in known]
+    if drawn := [person for skin, person in PERSONS.items() if skin in new and skin not in SKINS]:
+        return f"loading {', '.join(drawn)}: at first use, the skin is drawn in some 20 seconds"
+    return "loading the avatar" if hands and submitted is None else ""
 
 
 def _pixel_size(context: bpy.types.Context) -> int:

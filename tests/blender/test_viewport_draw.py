@@ -7,6 +7,7 @@ import bpy
 import gpu
 import numpy as np
 import pytest
+from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.system.child_job import JobProgress
 from livehand.livehand_blender.hands import visible_hands
 from livehand.livehand_blender.render import viewport as viewport_module
@@ -115,6 +116,19 @@ def test_while_kernels_are_prepared_the_view_says_so_and_renders_nothing(drawn, 
     drawn(lambda: show(viewport, Engine(), context, shared))
     drawn(lambda: show(viewport, Engine(), context, shared))
     assert viewport.has_image
+
+
+def test_a_view_says_when_it_waits_for_a_person_of_numbers(drawn, context, shared, messages):
+    viewport = Viewport(shared)
+    drawn(lambda: show(viewport, Engine(), context, shared))
+    assert messages == ["LiveHand: loading the avatar"]
+    find_hands(bpy.context.scene)[0].livehand.avatar_path = str(shipped_avatar_path("amara"))
+    drawn(lambda: show(viewport, Engine(), context, shared))
+    assert messages[1:] == ["LiveHand: loading Amara: at first use, the skin is drawn in some 20 seconds"]
+    assert viewport.has_image
+    find_hands(bpy.context.scene)[0].location.x += 0.001
+    drawn(lambda: show(viewport, Engine(), context, shared))
+    assert len(messages) == 2
 
 
 def test_a_view_without_light_says_what_to_press(drawn, context, shared, messages):

@@ -33,7 +33,7 @@ _NAIL = {
 }
 _SPOT = np.array([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]], np.float32)  # of a freckle at its darkest
 _COARSE_FOLD = np.float32(0.65)  # of the folds' colour: blurred, all of it is too much
-_BELOW_PIGMENT = 0.45  # more blood, by place, that shows as much redness through deep pigment as less through light
+_BELOW_PIGMENT = 0.85  # more blood, by place, that shows as much redness through deep pigment as less through light
 _LEAST_BLOOD = -0.30  # against the mean: paler skin would be grey
 _MOON = np.array([0.55, 0.5, 0.1, 0.3, 1.0], np.float32)  # how large half-moons are, by digit
 _HALF_NAIL_MM = np.array([5.5, 6.1, 5.6, 6.0, 7.2], np.float32)  # from its middle to its free end, by digit
