@@ -168,8 +168,11 @@ class AtlasTone:
     def on(self, texels: AtlasTexels) -> AtlasTone:
         """Look the skin up at another atlas's texels."""
         row, column = np.divmod(texels.pixel, texels.resolution)
-        maps = (self.texels.as_map(field) for field in (self.bare, self.per_melanin))
-        return AtlasTone(texels, *(_looked_up(each, row, column, texels.resolution) for each in maps), self.melanin)
+        bare, per_melanin = (
+            _looked_up(self.texels.as_map(field), row, column, texels.resolution)
+            for field in (self.bare, self.per_melanin)
+        )
+        return AtlasTone(texels, bare, per_melanin, self.melanin)
 
     @property
     def log_ratio(self) -> np.ndarray:

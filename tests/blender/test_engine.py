@@ -1,8 +1,11 @@
 """The render engine through Blender's own operator: pixels, passes, border, layers, and errors that stop it."""
 
+import shutil
+
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.frame import DEPTH_BACKGROUND
 from livehand.backend.render.progress import RenderStopped
@@ -136,12 +139,12 @@ def test_device_and_precision_are_the_scenes(hand_scene, fake_session):
 
 def test_a_changed_avatar_file_is_loaded_again(hand_scene, fake_session, tmp_path):
     avatar = tmp_path / "mine.safetensors"
-    avatar.write_bytes(b"one")
+    shutil.copy(shipped_avatar_path("lena"), avatar)
     find_hands(hand_scene)[0].livehand.avatar_path = str(avatar)
     bpy.ops.render.render()
     bpy.ops.render.render()
     assert len(fake_session.made) == 1
-    avatar.write_bytes(b"another")
+    shutil.copy(shipped_avatar_path("mei"), avatar)
     bpy.ops.render.render()
     assert len(fake_session.made) == 2
 

@@ -2,11 +2,13 @@
 
 import hashlib
 import json
+import shutil
 from importlib import metadata
 
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.hand.model_file import builtin_hand_path, load_default_hand
 from livehand.livehand_blender.render.plan import SequencePlan
 from livehand.livehand_blender.render.sequence import write_sequence
@@ -33,7 +35,7 @@ def records(shot_path, folder, **choices):
 
 def test_the_record_holds_what_the_renderer_got(shot_path, tmp_path, fake_session):
     avatar = tmp_path / "mine.safetensors"
-    avatar.write_bytes(b"avatar")
+    shutil.copy(shipped_avatar_path("lena"), avatar)
     found = records(shot_path, tmp_path / "out", frames=(1, 3), avatar=avatar)
     (renderer,) = fake_session.made
     assert [record["frame"] for record in found] == [1, 3]
@@ -48,7 +50,7 @@ def test_the_record_holds_what_the_renderer_got(shot_path, tmp_path, fake_sessio
             "blender": bpy.app.version_string,
             "shot": hashlib.sha256(shot_path.read_bytes()).hexdigest(),
             "linked": {},
-            "avatars": [hashlib.sha256(b"avatar").hexdigest()],
+            "avatars": [hashlib.sha256(avatar.read_bytes()).hexdigest()],
             "hand_models": [hashlib.sha256(builtin_hand_path().read_bytes()).hexdigest()],
             "size_px": [48, 64],
             "settings": {"device": "auto", "precision": "fp32"},
@@ -69,7 +71,7 @@ def test_the_record_holds_what_the_renderer_got(shot_path, tmp_path, fake_sessio
                 "avatar": {
                     "name": "fake",
                     "path": str(avatar),
-                    "sha256": hashlib.sha256(b"avatar").hexdigest(),
+                    "sha256": hashlib.sha256(avatar.read_bytes()).hexdigest(),
                     "licence": "CC0",
                     "consent": "to all",
                 },

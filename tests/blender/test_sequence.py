@@ -1,6 +1,7 @@
 """Sequences on disk: complete files only, resumed, skipped and interrupted."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.batch import frame_paths
 from livehand.backend.batch.frame_file import BrokenFrameError, check_frame, is_finished, read_exr_header
 from livehand.backend.batch.progress import FrameProgress, ShotTally
@@ -117,7 +119,7 @@ def test_a_frame_that_lacks_one_format_gets_it(shot_path, folder, fake_session):
 
 def test_the_plans_settings_reach_the_renderer_and_not_the_file(shot_path, folder, fake_session, tmp_path):
     avatar = tmp_path / "mine.safetensors"
-    avatar.write_bytes(b"avatar")
+    shutil.copy(shipped_avatar_path("lena"), avatar)
     before = shot_path.read_bytes()
     write(shot_path, folder, frames=(1,), avatar=avatar, device="cpu", precision="bf16")
     (renderer,) = fake_session.made

@@ -2,12 +2,14 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import bpy
 import pytest
+from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.batch import workers
 from livehand.backend.batch.report import RunReport
 from livehand.backend.batch.workers import run_workers
@@ -20,8 +22,8 @@ from livehand.livehand_blender.render import sequence
 @pytest.fixture
 def avatars(tmp_path):
     paths = [tmp_path / f"{name}.safetensors" for name in ("one", "other")]
-    for path in paths:
-        path.write_bytes(path.name.encode())
+    for path, person in zip(paths, ("lena", "mei"), strict=True):
+        shutil.copy(shipped_avatar_path(person), path)
     return paths
 
 

@@ -167,7 +167,8 @@ def test_planes_are_decoded_once_a_ray_from_the_mean_of_what_lies_along_it():
     field.trunk[0].register_forward_hook(lambda layer, inputs, output: decoded.append(len(output)))
     one = inputs_of(5)
     sigma, channels = density_and_channels(field, one)
-    per_sample = {name: getattr(one, name) for name in FieldInputs._fields if name not in ("view", "theta", "place")}
+    of_frame = ("view", "theta", "place", "identity")
+    per_sample = {name: getattr(one, name) for name in FieldInputs._fields if name not in of_frame}
     alike = one._replace(**{name: values.repeat_interleave(4, 0) for name, values in per_sample.items()})
     seen = ask(field, alike)
     assert decoded == [5, 5]
@@ -179,7 +180,8 @@ def test_planes_along_a_ray_written_out():
     """One sample after another, in plain arithmetic, from the planes' features to colour."""
     torch.manual_seed(8)
     field, inputs = build_field(PLANES).double(), inputs_of(1, 3)
-    inputs = FieldInputs(*(values.double() for values in inputs if values is not None))
+    given = {name: values for name, values in inputs._asdict().items() if torch.is_tensor(values)}
+    inputs = inputs._replace(**{name: values.double() for name, values in given.items()})
     offset = field.relief(inputs.uv, inputs.height, torch.ones(len(inputs.uv))) / 4
     planes = [plane(inputs.uv, inputs.height, torch.ones(len(inputs.uv))) for plane in field.planes]
     height = inputs.height[:, None]

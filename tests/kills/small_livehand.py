@@ -57,8 +57,9 @@ def _capture():
 def _person():
     from livehand.backend.person import making
 
-    yield patch.object(making, "MakingOptions", partial(making.MakingOptions, resolution=256, rounds=1))
-    yield patch.dict(making._EARLY, resolution=128)
+    rounds = (making.RoundOptions(256, 36, with_flow=False),)
+    yield patch.object(making, "MakingOptions", partial(making.MakingOptions, rounds))
+    yield patch.object(making, "COARSE_ROUND", making.COARSE_ROUND._replace(resolution=128))
 
 
 def _leases():
