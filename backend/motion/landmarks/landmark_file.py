@@ -58,6 +58,7 @@ class LandmarkFile:
         info: how the file is interpreted; the mean and the components do not apply.
         is_picture_mirrored: the tracked picture was mirrored, as selfies are; the motion undoes it.
         picture_camera: of the tracked picture, for landmarks that are points in it.
+        torn: as of `Tracks`.
     """
 
     path: Path
@@ -65,6 +66,7 @@ class LandmarkFile:
     info: FileInfo
     is_picture_mirrored: bool = False
     picture_camera: PictureCamera | None = None
+    torn: str | None = None
 
     @property
     def sides(self) -> tuple[Side, ...]:
@@ -118,7 +120,10 @@ class LandmarkFile:
         return smoothed(with_gaps_filled(self.fit(model).motion, self.frame_indices), smooth_frames)
 
     def warning(self, model: HandModel) -> str | None:
-        """Word why the side is probably wrong, or that no hand is; None: the hand bends as one of that side."""
+        """Word why side or landmarks are probably wrong, and which frames are not read; None: all is well."""
+        return "; ".join(filter(None, (self._shape_doubt(model), self.torn))) or None
+
+    def _shape_doubt(self, model: HandModel) -> str | None:
         errors = side_errors(self._points_m(model), model)
         likelier = min(SIDES, key=errors.__getitem__)
         if likelier != self.info.side:
@@ -175,7 +180,7 @@ def read_landmarks(document: Document) -> LandmarkFile:
     notes = (*notes, *((_SHIFTED_NOTE,) if name == SHIFTED else ()))
     side: Side = next(side for side in SIDES if side in hands)
     info = FileInfo(name, side, True, 0, space, unit, recording.fps, 0, 0, notes, has_translation)
-    return LandmarkFile(document.path, hands, info).with_changes()
+    return LandmarkFile(document.path, hands, info, torn=found.torn).with_changes()
 
 
 def likely_unit(tracks: Sequence[Track]) -> Unit:

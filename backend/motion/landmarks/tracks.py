@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from .recording import EXAMPLE, Recording
 from .sighting import KINDS, Sighting
 
 _FLICKER = 0.2  # share of frames in which the label of one hand may be the wrong one
+_FEW = 8  # frames that a note names
 
 
 class Track(NamedTuple):
@@ -41,6 +42,7 @@ class Tracks(NamedTuple):
         is_picture: the coordinates are a picture's, not metres.
         is_shifted: they were a picture's, and have been moved or scaled since.
         notes: what the user should know.
+        torn: in words, the frames that are not read since they lack landmarks; None: there are none.
     """
 
     hands: tuple[Track, ...]
@@ -48,6 +50,7 @@ class Tracks(NamedTuple):
     is_picture: bool
     is_shifted: bool
     notes: tuple[str, ...]
+    torn: str | None
 
 
 def follow_hands(recording: Recording) -> Tracks:
@@ -56,6 +59,7 @@ def follow_hands(recording: Recording) -> Tracks:
     Raises:
         LiveHandError: no frame has a hand, or hands that appear together have no labels.
     """
+    torn = [number for number, hands in recording.frames.items() if any(map(_is_torn, hands))]
     frames = {number: [hand for hand in hands if _is_there(hand)] for number, hands in recording.frames.items()}
     kinds = {hand.kind for hands in frames.values() for hand in hands}
     if not kinds:
@@ -70,7 +74,7 @@ def follow_hands(recording: Recording) -> Tracks:
     all_points = np.concatenate([track.points for track in tracks])
     is_picture = kind == "picture" or (kind == "points" and is_mediapipe and looks_like_picture(all_points))
     is_shifted = kind == "points" and is_mediapipe and not is_picture and _are_shifted(tracks)
-    return Tracks(tracks, is_mediapipe, is_picture, is_shifted, notes)
+    return Tracks(tracks, is_mediapipe, is_picture, is_shifted, notes, _torn_words(torn))
 
 
 def _are_shifted(tracks: tuple[Track, ...]) -> bool:
@@ -81,6 +85,19 @@ def _is_there(hand: Sighting) -> bool:
     if np.isinf(hand.points).any():
         raise LiveHandError("landmarks must be finite, got infinity; track the hand again")
     return bool(np.isfinite(hand.points).all()) and bool(np.ptp(hand.points, axis=0).any())
+
+
+def _is_torn(hand: Sighting) -> bool:
+    """Tell whether some of the landmarks have no numbers; where none has, there is no hand."""
+    is_known = np.isfinite(hand.points).all(1)
+    return bool(is_known.any() and not is_known.all())
+
+
+def _torn_words(torn: Sequence[int]) -> str | None:
+    if not torn:
+        return None
+    some = ", ".join(map(str, torn[:_FEW])) + (", ..." if len(torn) > _FEW else "")
+    return f"{len(torn)} frames lack some landmarks (NaN) and count as frames without a hand: {some}"
 
 
 def _by_hand(frames: Mapping[int, list[Sighting]]) -> tuple[list[dict[int, Sighting]], tuple[str, ...]]:

@@ -352,6 +352,17 @@ def test_a_flickering_label_is_one_hand(tmp_path):
     assert "1 frames are labelled as the other hand" in file.info.notes[-1]
 
 
+def test_a_frame_that_lacks_a_landmark_is_told(tmp_path):
+    frames = [{"handedness": "Right", "world_landmarks": RIGHT[k % 3].tolist()} for k in range(6)]
+    for number in (2, 4):
+        frames[number]["world_landmarks"][7] = [float("nan")] * 3
+    file = opened(tmp_path, frames)
+    assert file.frame_indices.tolist() == [0, 1, 3, 5]
+    words = "2 frames lack some landmarks (NaN) and count as frames without a hand: 2, 4"
+    assert words in file.warning(load_default_hand())
+    assert "lack" not in str(opened(tmp_path, frames[:2]).warning(load_default_hand()))
+
+
 def test_of_two_hands_with_one_label_the_surer_is_read(tmp_path):
     result = {
         "worldLandmarks": [named(LEFT[0]), named(RIGHT[0])],
