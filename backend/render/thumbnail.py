@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from ..avatars.avatar import Avatar
-from ..avatars.drawn_people import MADE_BY
 from ..geometry.framing import fitting_camera
 from ..geometry.rotation import matrix_to_axis_angle
 from ..hand.lbs import posed_vertices
@@ -51,10 +50,8 @@ def render_thumbnail(renderer: Renderer) -> np.ndarray:
 
 
 def _beta(avatar: Avatar) -> np.ndarray:
-    """Return the shape [10] to show: the person's own if it was drawn, else the hand's."""
-    if avatar.provenance.get("made_by") == MADE_BY and avatar.surface is not None:
-        return np.array(avatar.surface.person.beta)
-    return np.zeros(10)
+    """Return the shape [10] to show: the person's own if it is known, else the hand's."""
+    return np.zeros(10) if avatar.surface is None else np.array(avatar.surface.person.beta)
 
 
 def _averaged(plane: np.ndarray) -> np.ndarray:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from livehand.backend.avatars.drawn_people import MADE_BY
 from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.avatars.library import SKINS, shipped_avatar_path
 from livehand.backend.avatars.metadata import read_metadata
@@ -59,7 +58,7 @@ def test_it_shows_a_drawn_person_in_their_own_shape(hand):
 
     def share(girth):
         person = replace(avatar.surface.person, beta=(0.0, girth, *[0.0] * 8))
-        drawn = replace(avatar, provenance={"made_by": MADE_BY}, surface=replace(avatar.surface, person=person))
+        drawn = replace(avatar, surface=replace(avatar.surface, person=person))
         return (render_thumbnail(Renderer(drawn, hand, "cpu"))[..., 3] > 128).mean()
 
     assert share(3.0) > 1.08 * share(-3.0)
