@@ -146,7 +146,15 @@ def _train(args: argparse.Namespace, device: torch.device, processes: Processes)
     if before is None:
         return summary
     after = _held_out_db(setup, result.avatar, device)
-    return {**summary, "held_out_before_db": round(before, 2), "brought_db": round(after - before, 2)}
+    return {**summary, **_brought(f"keep {args.person}, or give more --steps", before, after)}
+
+
+def _brought(remedy: str, before_db: float, after_db: float) -> dict[str, float]:
+    """Say what training brought over the person's maps alone; warn if it did harm."""
+    brought_db = after_db - before_db
+    if brought_db < 0:
+        warn(f"held-out pictures lost {-brought_db:.1f} dB by training; {remedy}")
+    return {"held_out_before_db": round(before_db, 2), "brought_db": round(brought_db, 2)}
 
 
 def _config_of(args: argparse.Namespace) -> TrainConfig:

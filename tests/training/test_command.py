@@ -13,7 +13,7 @@ from livehand.backend.capture.capture import index_document
 from livehand.backend.evaluation.perceptual.vgg import PerceptualLoss
 from livehand.backend.surface.skin_version import SKIN_VERSION, skin_version
 from livehand.backend.system.command import run_commands
-from livehand.backend.training.command import PRESET_NAMES, _config_of
+from livehand.backend.training.command import PRESET_NAMES, _brought, _config_of
 from livehand.backend.training.config import TrainConfig
 from livehand.backend.training.losses import crop_loss
 from livehand.backend.training.schedule import Schedule
@@ -153,3 +153,11 @@ def test_the_avatar_says_which_region_the_perceptual_term_saw(painted_capture, t
         run_commands("livehand", "", COMMANDS, [*arguments, *region, "--device", "cpu", "--preview-minutes", "0"]) == 0
     )
     assert load_avatar(output).provenance["training"]["loss"]["perceptual_region"] == kept
+
+
+@pytest.mark.parametrize(("after_db", "said"), [(26.04, "lost 2.0 dB by training; keep the person"), (28.1, "")])
+def test_a_training_that_did_harm_is_told(capsys, after_db, said):
+    brought = _brought("keep the person", 28.0, after_db)
+    assert brought == {"held_out_before_db": 28.0, "brought_db": round(after_db - 28, 2)}
+    told = capsys.readouterr().err
+    assert said in told and bool(told) == bool(said)
