@@ -31,20 +31,34 @@ def livehand(*words):
     return run_commands("livehand", "", COMMANDS, [str(word) for word in words])
 
 
-@pytest.fixture(scope="module")
-def crowd_path(painted_capture, blue_capture, tmp_path_factory):
-    path = tmp_path_factory.mktemp("crowd") / "crowd.safetensors"
+def _train_crowd(captures, path, steps):
     paper = ["--config", "paper", "--perceptual", "0", "--preview-minutes", "0", "--precision", "fp32", *OPTIONS]
-    people = ["--identities", "painted", "blue"]
-    assert livehand("train", painted_capture.folder, blue_capture, "-o", path, "--steps", "120", *paper, *people) == 0
+    assert livehand("train", *captures, "-o", path, "--steps", steps, *paper, "--identities", "painted", "blue") == 0
     return path
 
 
+@pytest.fixture(scope="module")
+def crowd_path(painted_capture, blue_capture, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("crowd")
+    return _train_crowd((painted_capture.folder, blue_capture), folder / "crowd.safetensors", 120)
+
+
+@pytest.fixture(scope="module")
+def begun_path(painted_capture, blue_capture, tmp_path_factory):
+    """A training of two steps, which knows both people by name."""
+    folder = tmp_path_factory.mktemp("begun")
+    return _train_crowd((painted_capture.folder, blue_capture), folder / "begun.safetensors", 2)
+
+
 @pytest.mark.slow
-def test_each_person_is_nearer_to_their_own_pictures(crowd_path, painted_capture, blue_capture, capsys):
-    avatar = load_avatar(crowd_path)
+def test_the_avatar_names_its_people_and_their_captures(begun_path, painted_capture):
+    avatar = load_avatar(begun_path)
     assert identity_names(avatar) == ("painted", "blue")
     assert avatar.provenance["capture"] == {"joined": [painted_capture.provenance] * 2}
+
+
+@pytest.mark.nightly
+def test_each_person_is_nearer_to_their_own_pictures(crowd_path, painted_capture, blue_capture, capsys):
     found = {
         (folder, name): _psnr(folder, crowd_path, name, capsys)
         for folder in (painted_capture.folder, blue_capture)
@@ -61,7 +75,7 @@ def _psnr(folder, avatar, name, capsys):
     return json.loads(capsys.readouterr().out.splitlines()[-1])["psnr_hand"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_code_alone_is_fitted_to_one_more_person(crowd_path, blue_capture, tmp_path, capsys):
     path = tmp_path / "more.safetensors"
     assert livehand("identity", crowd_path, "--name", "cy", "--fit", blue_capture, "-o", path, "--steps", "60") == 0
@@ -75,13 +89,13 @@ def test_a_code_alone_is_fitted_to_one_more_person(crowd_path, blue_capture, tmp
 
 
 @pytest.mark.slow
-def test_one_person_is_written_alone(crowd_path, blue_capture, tmp_path, capsys):
+def test_one_person_is_written_alone(begun_path, blue_capture, tmp_path, capsys):
     path = tmp_path / "blue.safetensors"
-    assert livehand("identity", crowd_path, "--name", "blue", "-o", path) == 0
+    assert livehand("identity", begun_path, "--name", "blue", "-o", path) == 0
     capsys.readouterr()
     assert livehand("inspect", path) == 0
     assert identity_names(load_avatar(path)) == ()
-    assert livehand("identity", crowd_path, "--name", "nobody", "-o", path) == 1
+    assert livehand("identity", begun_path, "--name", "nobody", "-o", path) == 1
     assert "one of painted, blue or mean" in capsys.readouterr().err
 
 
