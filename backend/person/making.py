@@ -59,6 +59,8 @@ class RoundOptions(NamedTuple):
 
 COARSE_ROUND = RoundOptions(512, 16, with_flow=False)
 """Brings a skin so near that light and flow find the rest."""
+LATER_ROUNDS = ((COARSE_ROUND,), (COARSE_ROUND, RoundOptions(512, 16)))
+"""Before the later fits of poses, the last of which needs texture."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,7 @@ class MadePerson:
         completed: the factor, its prior and confidence, the skin's numbers.
         gathered: of the last round.
         lights: by scene, in the strength that the numbers give.
+        pixels: by scene, in which the light was found.
     """
 
     model: PersonModel
@@ -99,6 +102,7 @@ class MadePerson:
     completed: CompletedRatio
     gathered: GatheredRatio
     lights: Mapping[int, Illumination]
+    pixels: Mapping[int, LitPixels]
 
     @property
     def steps(self) -> np.ndarray:
@@ -109,11 +113,26 @@ class MadePerson:
 
 
 def made_person(
-    base: PersonModel, hand: PicturedHand, family: ToneFamily, options: MakingOptions, log: Log = lambda line: None
+    base: PersonModel,
+    hand: PicturedHand,
+    family: ToneFamily,
+    options: MakingOptions,
+    log: Log = lambda line: None,
+    pixels: Mapping[int, LitPixels] | None = None,
 ) -> MadePerson:
-    """Make a person from pictures whose poses are known well enough for flow to correct the rest."""
+    """Make a person from pictures whose poses are known well enough for flow to correct the rest.
+
+    Args:
+        base: to begin with.
+        hand: in the pictures.
+        family: of skins.
+        options: of the rounds.
+        log: is told of each light and round.
+        pixels: by scene, of the same base in nearly these poses, with the scene's lamp; None: they are looked for.
+    """
     shown = [picture for picture in hand.pictures if not picture.is_held_out]
-    pixels, base_log_albedo = pixels_of_scenes(base, shown, options.light_pictures), family_at_base(base)
+    base_log_albedo, finds_lamps = family_at_base(base), options.finds_lamps and pixels is None
+    pixels = pixels_of_scenes(base, shown, options.light_pictures) if pixels is None else pixels
     for scene, of_scene in pixels.items():
         log(f"light of scene {scene}: {len(of_scene.shown)} pixels of {len(of_scene.parts)} pictures")
     skin, made = None, None
@@ -122,7 +141,7 @@ def made_person(
         skin = AtlasTone.of_family(texels, family, base_log_albedo) if skin is None else skin.on(texels)
         tones = {scene: skin.at(of_scene) for scene, of_scene in pixels.items()}
         skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
-        if options.finds_lamps and round_index == 0:
+        if finds_lamps and round_index == 0:
             tones = {scene: with_lamp(base, tone, skin.melanin) for scene, tone in tones.items()}
             pixels = {scene: tone.pixels for scene, tone in tones.items()}
             skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
@@ -137,7 +156,7 @@ def made_person(
         gain, tint = completed.numbers.log_gain, np.exp(completed.numbers.log_tint)
         lights = {scene: light.stronger(gain, tint) for scene, light in lights.items()}
         model = base.with_ratio(_steps(texels, skin.log_ratio))
-        made = MadePerson(model, texels, completed, gathered, lights)
+        made = MadePerson(model, texels, completed, gathered, lights, pixels)
     assert made is not None
     return made
 
@@ -233,6 +252,7 @@ def person_of_pictures(
     """Make a person from pictures whose poses are about known; returns the pictures with poses and shape fitted, too.
 
     Early rounds see fewer pictures on a coarser atlas: they only bring poses, light and skin near enough for the next.
+    The light is kept as soon as poses are good, while the base stays.
     """
     if hand.is_calibrated:
         options = replace(options, rounds=tuple(each._replace(with_flow=False) for each in options.rounds))
@@ -247,9 +267,17 @@ def person_of_pictures(
         round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
         hand, melanin = fitted.fitted(hand), fitted.melanin
-    return _with_unseen_detail(
-        made_person(shaped(bases.nearest(melanin), hand), hand, bases.family, options, log)
-    ), hand
+    base, pixels = bases.nearest(melanin), None
+    for rounds in _later_rounds(hand, options):
+        made = made_person(shaped(base, hand), hand, bases.family, replace(options, rounds=rounds), log, pixels)
+        hand = _refitted(made, hand, options.length_m, None, log)
+        nearest = bases.nearest(made.completed.numbers.melanin)
+        base, pixels = nearest, made.pixels if nearest is base else None
+    return _with_unseen_detail(made_person(shaped(base, hand), hand, bases.family, options, log, pixels)), hand
+
+
+def _later_rounds(hand: PicturedHand, options: MakingOptions) -> tuple[tuple[RoundOptions, ...], ...]:
+    return LATER_ROUNDS if options.fits_poses and not hand.is_calibrated else ()
 
 
 def _with_unseen_detail(made: MadePerson) -> MadePerson:
@@ -289,7 +317,8 @@ def lines_of_making(hand: PicturedHand, options: MakingOptions) -> int:
     scenes = len({picture.scene for picture in hand.pictures})
     refits = _refits(hand, options)
     of_refits = 0 if hand.is_calibrated else sum(map(len, refits))
-    return len(refits) * (scenes + 1) + of_refits + scenes + len(options.rounds)
+    of_later = sum(scenes + len(rounds) + 1 for rounds in _later_rounds(hand, options))
+    return len(refits) * (scenes + 1) + of_refits + of_later + scenes + len(options.rounds)
 
 
 def _refits(hand: PicturedHand, options: MakingOptions) -> tuple[_Refits, ...]:
@@ -306,17 +335,23 @@ def _early_round(
     for longest_px in refits:
         if hand.is_calibrated:
             hand = fitted_to_skin(made.model, hand, made.lights)
-            continue
-        refit = refitted(made.model, hand.pictures, made.lights, length_m=options.length_m, longest_px=longest_px)
-        log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
-        hand = replace(hand, pictures=refit.pictures)
+        else:
+            hand = _refitted(made, hand, options.length_m, longest_px, log)
     return FittedRound.of(hand, made.completed.numbers.melanin)
+
+
+def _refitted(
+    made: MadePerson, hand: PicturedHand, length_m: float | None, longest_px: int | None, log: Log
+) -> PicturedHand:
+    refit = refitted(made.model, hand.pictures, made.lights, length_m=length_m, longest_px=longest_px)
+    log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
+    return replace(hand, pictures=refit.pictures)
 
 
 _EARLY_LIGHT_PICTURES = 4
 _Refits = tuple[int | None, ...]
 """The longer side of the pictures, px, in each fit of poses; None: their own. The first need nothing fine."""
-_EARLY_REFITS, _CALIBRATED_REFITS = ((520, 520), (None, None)), ((None,),)
+_EARLY_REFITS, _CALIBRATED_REFITS = ((520, 520),), ((None,),)
 _FIRST_MELANIN = 0.4
 
 

@@ -70,7 +70,7 @@ def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndar
 _MASK_SHARE = 0.2  # of grey that tells hand from backdrop in the flow
 _FLOW_ERROR_PX, _BEHIND_M, _LEAST_FACING = 3.0, 0.004, 0.15
 _LARGE_PX = 4.0  # residuals beyond it count linearly
-_STEPS = 200
+_STEPS = 120
 _RATES = (0.01, 0.02, 0.0015, 0.005)  # of theta, beta, transl, forearm
 _THETA_WEIGHT, _BETA_WEIGHT, _TRANSL_M, _FOREARM_RAD = 6.0, 0.15, 0.04, 0.4
 _OUTLINE_WEIGHT = 0.5

@@ -59,7 +59,9 @@ def _person():
 
     rounds = (making.RoundOptions(256, 36, with_flow=False),)
     yield patch.object(making, "MakingOptions", partial(making.MakingOptions, rounds))
-    yield patch.object(making, "COARSE_ROUND", making.COARSE_ROUND._replace(resolution=128))
+    coarse = making.COARSE_ROUND._replace(resolution=128)
+    yield patch.object(making, "COARSE_ROUND", coarse)
+    yield patch.object(making, "LATER_ROUNDS", ((coarse,), (coarse, coarse)))
 
 
 def _leases():

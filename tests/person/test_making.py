@@ -9,6 +9,7 @@ from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
+from livehand.backend.person import making
 from livehand.backend.person.making import (
     AtlasTone,
     MakingOptions,
@@ -151,3 +152,32 @@ def test_poses_go_back_to_where_the_pictures_show_them(made, hand, longest_px, l
     assert before > 0.002
     assert off_px(found.pictures) < left * off_px(moved)
     assert torch.is_grad_enabled()
+
+
+@pytest.mark.nightly
+def test_the_whole_road_fits_poses_to_texture_and_keeps_that_light(bases, hand, monkeypatch):
+    """It tells every line that it counts, and the pixels of its light are those of the round with texture."""
+    coarse = making.COARSE_ROUND._replace(resolution=256)
+    monkeypatch.setattr(making, "COARSE_ROUND", coarse)
+    monkeypatch.setattr(making, "LATER_ROUNDS", ((coarse,), (coarse, coarse._replace(with_flow=True))))
+    given, told = [], []
+    once = making.made_person
+
+    def watched(*arguments):
+        result = once(*arguments)
+        given.append((arguments[-1], result.pixels))
+        return result
+
+    monkeypatch.setattr(making, "made_person", watched)
+    options = MakingOptions(rounds=(RoundOptions(256, 36),))
+    hand = replace(hand, is_calibrated=False)
+    made, fitted = making.person_of_pictures(bases, hand, options, told.append)
+    assert len(told) == lines_of_making(hand, options)
+    (_, of_texture), (shared, of_person) = given[-2:]
+    assert len(given) == 4
+    assert shared is of_texture is of_person
+    off_m = [
+        np.linalg.norm(posed_vertices(made.model.hand, a.pose) - posed_vertices(made.model.hand, b.pose), axis=1).mean()
+        for a, b in zip(fitted.pictures, hand.pictures, strict=True)
+    ]
+    assert np.mean(off_m) < 0.005  # landmarks: 0.01
