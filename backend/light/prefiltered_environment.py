@@ -125,7 +125,7 @@ def _coarse(sky: Sky) -> Float[np.ndarray, "h w 3"]:
     return (energy[..., :3] / energy[..., 3:]).astype(np.float32)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)  # a person's light is looked for in 32 skies
 def _around_directions(radiance: bytes, size: tuple[int, int]) -> Float[np.ndarray, "N W 3"]:
     """Compute `PrefilteredEnvironment.radiance` of a sky [h, w, 3] fp32: the same for all frames of most animations."""
     sky = Sky(np.frombuffer(radiance, np.float32).reshape(*size, 3))

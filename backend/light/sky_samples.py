@@ -142,7 +142,7 @@ def _nearest_of_cells(count: int) -> np.ndarray:
     return (_sphere(SKY_DIRECTIONS) @ _sphere(count).T).argmax(1)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 def _parts(division: Division) -> tuple[np.ndarray, np.ndarray]:
     """Return the directions [M, 3] of the parts of divided cells, and the cell [M] of each."""
     found = [(np.zeros((0, 3)), np.zeros(0, np.int64))]
@@ -155,7 +155,7 @@ def _parts(division: Division) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(towards), np.concatenate(cells)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 def _layout(division: Division) -> tuple[np.ndarray, np.ndarray]:
     """Return the directions [K, 3] of the cells and parts, and the share [K] of the sphere that each stands for."""
     whole, (towards, of_cell) = _sphere(SKY_DIRECTIONS), _parts(division)
@@ -169,7 +169,7 @@ def _layout(division: Division) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([whole, towards]), np.concatenate([share, area / in_cell / SKY_DIRECTIONS])
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 def _cells(height: int, width: int, division: Division) -> np.ndarray:
     """Find the sky direction [H * W] that stands for each texel of an equirectangular map: the nearest of its cell."""
     directions = sky_directions(height, width).reshape(-1, 3)

@@ -6,7 +6,7 @@ finds the sum; robustly, since some of the hand is not where it is thought to be
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -162,6 +162,8 @@ class LitPixels:
 
     def with_sources(self, model: PersonModel, sources: Sequence[Light]) -> LitPixels:
         """Return these pixels in more lights."""
+        if not sources:
+            return self
         diffuse, specular = _lit(model, self.parts, sources)
         return replace(
             self,
@@ -228,6 +230,11 @@ def pixels_of_scenes(
                 "leave these pictures out, or film in softer light"
             )
     return pixels
+
+
+def lamps_of(pixels: Mapping[int, LitPixels]) -> dict[int, tuple[Light, ...]]:
+    """Return the lamps of every scene's sources."""
+    return {scene: tuple(one for one in of_scene.sources if one.lamps) for scene, of_scene in pixels.items()}
 
 
 def evenly_chosen(pictures: Sequence[HandPicture], most: int) -> list[HandPicture]:

@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -19,6 +19,7 @@ import torch
 
 from ..records.errors import LiveHandError
 from ..records.hand_picture import PicturedHand
+from ..records.light import Light
 from ..surface.albedo_ratio import ratio_steps
 from ..surface.atlas_masks import marks_map
 from ..surface.atlas_texels import AtlasTexels
@@ -29,11 +30,18 @@ from .agreement import GatheredRatio
 from .completion import CompletedRatio, completed_ratio, with_unseen_detail
 from .gathering import gathered_ratio
 from .hand_size import with_mean_proportions
-from .illumination import PICTURES_OF_SCENE, Illumination, LitPixels, evenly_chosen, fitted_light, pixels_of_scenes
+from .illumination import (
+    PICTURES_OF_SCENE,
+    Illumination,
+    evenly_chosen,
+    fitted_light,
+    lamps_of,
+    pixels_of_scenes,
+)
 from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lamp_search import with_lamp
 from .model import PersonModel
-from .numbers import PixelTones, ToneFamily, fitted_melanin
+from .numbers import FIRST_MELANIN, AtlasTone, PixelTones, ToneFamily, fitted_melanin, looked_up
 from .refit import refitted
 from .skin_fit import fitted_to_skin
 
@@ -94,7 +102,7 @@ class MadePerson:
         completed: the factor, its prior and confidence, the skin's numbers.
         gathered: of the last round.
         lights: by scene, in the strength that the numbers give.
-        pixels: by scene, in which the light was found.
+        lamps: by scene, of strength 1.
     """
 
     model: PersonModel
@@ -102,7 +110,7 @@ class MadePerson:
     completed: CompletedRatio
     gathered: GatheredRatio
     lights: Mapping[int, Illumination]
-    pixels: Mapping[int, LitPixels]
+    lamps: Mapping[int, Sequence[Light]]
 
     @property
     def steps(self) -> np.ndarray:
@@ -118,7 +126,7 @@ def made_person(
     family: ToneFamily,
     options: MakingOptions,
     log: Log = lambda line: None,
-    pixels: Mapping[int, LitPixels] | None = None,
+    lamps: Mapping[int, Sequence[Light]] | None = None,
 ) -> MadePerson:
     """Make a person from pictures whose poses are known well enough for flow to correct the rest.
 
@@ -128,11 +136,12 @@ def made_person(
         family: of skins.
         options: of the rounds.
         log: is told of each light and round.
-        pixels: by scene, of the same base in nearly these poses, with the scene's lamp; None: they are looked for.
+        lamps: by scene, where they were looked for before.
     """
     shown = [picture for picture in hand.pictures if not picture.is_held_out]
-    base_log_albedo, finds_lamps = family_at_base(base), options.finds_lamps and pixels is None
-    pixels = pixels_of_scenes(base, shown, options.light_pictures) if pixels is None else pixels
+    pixels, base_log_albedo = pixels_of_scenes(base, shown, options.light_pictures), family_at_base(base)
+    if lamps is not None:
+        pixels = {scene: of_scene.with_sources(base, lamps[scene]) for scene, of_scene in pixels.items()}
     for scene, of_scene in pixels.items():
         log(f"light of scene {scene}: {len(of_scene.shown)} pixels of {len(of_scene.parts)} pictures")
     skin, made = None, None
@@ -141,7 +150,7 @@ def made_person(
         skin = AtlasTone.of_family(texels, family, base_log_albedo) if skin is None else skin.on(texels)
         tones = {scene: skin.at(of_scene) for scene, of_scene in pixels.items()}
         skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
-        if finds_lamps and round_index == 0:
+        if options.finds_lamps and lamps is None and round_index == 0:
             tones = {scene: with_lamp(base, tone, skin.melanin) for scene, tone in tones.items()}
             pixels = {scene: tone.pixels for scene, tone in tones.items()}
             skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
@@ -156,53 +165,9 @@ def made_person(
         gain, tint = completed.numbers.log_gain, np.exp(completed.numbers.log_tint)
         lights = {scene: light.stronger(gain, tint) for scene, light in lights.items()}
         model = base.with_ratio(_steps(texels, skin.log_ratio))
-        made = MadePerson(model, texels, completed, gathered, lights, pixels)
+        made = MadePerson(model, texels, completed, gathered, lights, lamps_of(pixels))
     assert made is not None
     return made
-
-
-@dataclass(frozen=True)
-class AtlasTone:
-    """The albedo so far, over the base's, and how melanin changes it: logarithms at the texels [T, 3].
-
-    Attributes:
-        texels: of the atlas.
-        bare: without melanin.
-        per_melanin: what melanin of 1 adds.
-        melanin: 0 light to 1 deep.
-    """
-
-    texels: AtlasTexels
-    bare: np.ndarray
-    per_melanin: np.ndarray
-    melanin: float
-
-    @classmethod
-    def of_family(cls, texels: AtlasTexels, family: ToneFamily, base_log_albedo: np.ndarray) -> AtlasTone:
-        """Begin with a skin of the family."""
-        bare = texels.at_texels((family.log_albedo(0.0, 1.0) - base_log_albedo).astype(np.float32))
-        per_melanin = texels.at_texels((family.deep - family.light).astype(np.float32))
-        return cls(texels, bare, per_melanin, _FIRST_MELANIN)
-
-    def on(self, texels: AtlasTexels) -> AtlasTone:
-        """Look the skin up at another atlas's texels."""
-        row, column = np.divmod(texels.pixel, texels.resolution)
-        bare, per_melanin = (
-            _looked_up(self.texels.as_map(field), row, column, texels.resolution)
-            for field in (self.bare, self.per_melanin)
-        )
-        return AtlasTone(texels, bare, per_melanin, self.melanin)
-
-    @property
-    def log_ratio(self) -> np.ndarray:
-        """With this melanin."""
-        return self.bare + np.float32(self.melanin) * self.per_melanin
-
-    def at(self, pixels: LitPixels) -> PixelTones:
-        """Look up the skin that pixels show."""
-        size = self.texels.resolution
-        column, row = (pixels.uv * size).astype(int).clip(0, size - 1).T
-        return PixelTones(pixels, *(self.texels.as_map(field)[row, column] for field in (self.bare, self.per_melanin)))
 
 
 def _light(tone: PixelTones, melanin: float) -> Illumination:
@@ -229,7 +194,7 @@ class Bases:
     def of(cls, models: Iterable[PersonModel]) -> Bases:
         """Sort the models of a light and a deep skin, and of any between."""
         by_melanin = {_melanin(model): model for model in models}
-        any_model = _nearest(by_melanin, _FIRST_MELANIN)  # all have one mesh; it is made for those in use
+        any_model = _nearest(by_melanin, FIRST_MELANIN)  # all have one mesh; it is made for those in use
         lightest, deepest = (by_melanin[melanin] for melanin in (min(by_melanin), max(by_melanin)))
         return cls(by_melanin, ToneFamily(*(_log_albedo(any_model, one.base_albedo) for one in (lightest, deepest))))
 
@@ -252,28 +217,29 @@ def person_of_pictures(
     """Make a person from pictures whose poses are about known; returns the pictures with poses and shape fitted, too.
 
     Early rounds see fewer pictures on a coarser atlas: they only bring poses, light and skin near enough for the next.
-    The light is kept as soon as poses are good, while the base stays.
+    Lamps are looked for once, as soon as poses are good.
     """
     if hand.is_calibrated:
         options = replace(options, rounds=tuple(each._replace(with_flow=False) for each in options.rounds))
     if options.fits_poses:
-        hand = with_mean_proportions(hand, bases.nearest(_FIRST_MELANIN).hand)
+        hand = with_mean_proportions(hand, bases.nearest(FIRST_MELANIN).hand)
     early = replace(options, rounds=(COARSE_ROUND,), finds_lamps=False)
     if not hand.is_calibrated:
         early = replace(early, light_pictures=_EARLY_LIGHT_PICTURES)
-    melanin = _FIRST_MELANIN
+    melanin = FIRST_MELANIN
     for index, refits in enumerate(_refits(hand, options)):
         base = shaped(bases.nearest(melanin), hand)
         round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
         hand, melanin = fitted.fitted(hand), fitted.melanin
-    base, pixels = bases.nearest(melanin), None
+    lamps = None
     for rounds in _later_rounds(hand, options):
-        made = made_person(shaped(base, hand), hand, bases.family, replace(options, rounds=rounds), log, pixels)
+        base, of_rounds = shaped(bases.nearest(melanin), hand), replace(options, rounds=rounds)
+        made = made_person(base, hand, bases.family, of_rounds, log, lamps)
         hand = _refitted(made, hand, options.length_m, None, log)
-        nearest = bases.nearest(made.completed.numbers.melanin)
-        base, pixels = nearest, made.pixels if nearest is base else None
-    return _with_unseen_detail(made_person(shaped(base, hand), hand, bases.family, options, log, pixels)), hand
+        melanin, lamps = made.completed.numbers.melanin, made.lamps
+    base = shaped(bases.nearest(melanin), hand)
+    return _with_unseen_detail(made_person(base, hand, bases.family, options, log, lamps)), hand
 
 
 def _later_rounds(hand: PicturedHand, options: MakingOptions) -> tuple[tuple[RoundOptions, ...], ...]:
@@ -305,11 +271,7 @@ def _nails_and_marks(made: MadePerson) -> tuple[np.ndarray, np.ndarray]:
     nail = whole_surface(surface).arrays["nail"]
     marks = marks_map(texels, made.completed.log_ratio, made.completed.confidence, nail)
     row, column = np.divmod(texels.pixel, texels.resolution)
-    return _looked_up(nail > 0, row, column, texels.resolution), _looked_up(marks > 0, row, column, texels.resolution)
-
-
-def _looked_up(image: np.ndarray, row: np.ndarray, column: np.ndarray, resolution: int) -> np.ndarray:
-    return image[row * len(image) // resolution, column * len(image) // resolution]
+    return looked_up(nail > 0, row, column, texels.resolution), looked_up(marks > 0, row, column, texels.resolution)
 
 
 def lines_of_making(hand: PicturedHand, options: MakingOptions) -> int:
@@ -352,7 +314,6 @@ _EARLY_LIGHT_PICTURES = 4
 _Refits = tuple[int | None, ...]
 """The longer side of the pictures, px, in each fit of poses; None: their own. The first need nothing fine."""
 _EARLY_REFITS, _CALIBRATED_REFITS = ((520, 520),), ((None,),)
-_FIRST_MELANIN = 0.4
 
 
 def shaped(model: PersonModel, hand: PicturedHand) -> PersonModel:

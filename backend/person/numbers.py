@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..surface.atlas_texels import AtlasTexels
 from ..surface.blood import BLOOD_LOG_ALBEDO
 from ..system.parallel_map import parallel_map
 from .illumination import LitPixels, fitted_light
@@ -111,3 +112,56 @@ def fitted_melanin(scenes: Sequence[PixelTones]) -> float:
     below, least, above = errors[best - 1 : best + 2]
     step = _MELANINS[1] - _MELANINS[0]
     return float(_MELANINS[best] + step * (below - above) / (2 * (below - 2 * least + above)))
+
+
+FIRST_MELANIN = 0.4
+"""Before any picture is looked at."""
+
+
+@dataclass(frozen=True)
+class AtlasTone:
+    """The albedo so far, over the base's, and how melanin changes it: logarithms at the texels [T, 3].
+
+    Attributes:
+        texels: of the atlas.
+        bare: without melanin.
+        per_melanin: what melanin of 1 adds.
+        melanin: 0 light to 1 deep.
+    """
+
+    texels: AtlasTexels
+    bare: np.ndarray
+    per_melanin: np.ndarray
+    melanin: float
+
+    @classmethod
+    def of_family(cls, texels: AtlasTexels, family: ToneFamily, base_log_albedo: np.ndarray) -> AtlasTone:
+        """Begin with a skin of the family."""
+        bare = texels.at_texels((family.log_albedo(0.0, 1.0) - base_log_albedo).astype(np.float32))
+        per_melanin = texels.at_texels((family.deep - family.light).astype(np.float32))
+        return cls(texels, bare, per_melanin, FIRST_MELANIN)
+
+    def on(self, texels: AtlasTexels) -> AtlasTone:
+        """Look the skin up at another atlas's texels."""
+        row, column = np.divmod(texels.pixel, texels.resolution)
+        bare, per_melanin = (
+            looked_up(self.texels.as_map(field), row, column, texels.resolution)
+            for field in (self.bare, self.per_melanin)
+        )
+        return AtlasTone(texels, bare, per_melanin, self.melanin)
+
+    @property
+    def log_ratio(self) -> np.ndarray:
+        """With this melanin."""
+        return self.bare + np.float32(self.melanin) * self.per_melanin
+
+    def at(self, pixels: LitPixels) -> PixelTones:
+        """Look up the skin that pixels show."""
+        size = self.texels.resolution
+        column, row = (pixels.uv * size).astype(int).clip(0, size - 1).T
+        return PixelTones(pixels, *(self.texels.as_map(field)[row, column] for field in (self.bare, self.per_melanin)))
+
+
+def looked_up(image: np.ndarray, row: np.ndarray, column: np.ndarray, resolution: int) -> np.ndarray:
+    """Look a square map up at the texels of an atlas of another resolution."""
+    return image[row * len(image) // resolution, column * len(image) // resolution]

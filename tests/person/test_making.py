@@ -11,13 +11,13 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.person import making
 from livehand.backend.person.making import (
-    AtlasTone,
     MakingOptions,
     RoundOptions,
     family_at_base,
     lines_of_making,
     made_person,
 )
+from livehand.backend.person.numbers import AtlasTone
 from livehand.backend.person.person_avatar import person_avatar, shipped_bases
 from livehand.backend.person.refit import refitted
 from livehand.backend.person.review import held_out_figures, write_sheet
@@ -155,8 +155,8 @@ def test_poses_go_back_to_where_the_pictures_show_them(made, hand, longest_px, l
 
 
 @pytest.mark.nightly
-def test_the_whole_road_fits_poses_to_texture_and_keeps_that_light(bases, hand, monkeypatch):
-    """It tells every line that it counts, and the pixels of its light are those of the round with texture."""
+def test_the_whole_road_fits_poses_to_texture_and_keeps_its_lamps(bases, hand, monkeypatch):
+    """It tells every line that it counts; lamps are looked for once."""
     coarse = making.COARSE_ROUND._replace(resolution=256)
     monkeypatch.setattr(making, "COARSE_ROUND", coarse)
     monkeypatch.setattr(making, "LATER_ROUNDS", ((coarse,), (coarse, coarse._replace(with_flow=True))))
@@ -165,7 +165,7 @@ def test_the_whole_road_fits_poses_to_texture_and_keeps_that_light(bases, hand, 
 
     def watched(*arguments):
         result = once(*arguments)
-        given.append((arguments[-1], result.pixels))
+        given.append((arguments[-1], result.lamps))
         return result
 
     monkeypatch.setattr(making, "made_person", watched)
@@ -173,9 +173,11 @@ def test_the_whole_road_fits_poses_to_texture_and_keeps_that_light(bases, hand, 
     hand = replace(hand, is_calibrated=False)
     made, fitted = making.person_of_pictures(bases, hand, options, told.append)
     assert len(told) == lines_of_making(hand, options)
-    (_, of_texture), (shared, of_person) = given[-2:]
     assert len(given) == 4
-    assert shared is of_texture is of_person
+    (nothing, found), (shared, _), (last, kept) = given[1:]
+    assert nothing is None
+    assert shared is found
+    assert last == kept == found
     off_m = [
         np.linalg.norm(posed_vertices(made.model.hand, a.pose) - posed_vertices(made.model.hand, b.pose), axis=1).mean()
         for a, b in zip(fitted.pictures, hand.pictures, strict=True)
