@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -16,11 +17,14 @@ from ..field.sampler import SamplerConfig
 from ..geometry.mesh import Topology
 from ..hand.topology import Skinning
 from ..image.superres import ResidualSuperRes
+from ..light.lamp_samples import LampSamples
+from ..light.nearby_geometry import Patches
 from ..light.samples import LightSamples
 from ..light.shadow_maps import Bounds
 from ..records.shot import HandPose
 from ..surface.detail_maps import DetailMaps
 from ..surface.detail_mesh import DetailTemplate
+from ..surface.hair_growth import Hairs
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,8 @@ class FrameModel:
         sampler: of the rays, at the surface.
         stands_out_m: how far skin may stand out of the mesh, template metres.
         edge_m: by how much the depths of two surfaces differ, template metres.
+        grow_hairs: returns all hairs of the hand.
+        hair_albedo: of these, RGB.
     """
 
     field: RelightableField
@@ -50,11 +56,18 @@ class FrameModel:
     sampler: SamplerConfig
     stands_out_m: float
     edge_m: float
+    grow_hairs: Callable[[], Hairs]
+    hair_albedo: tuple[float, ...]
 
     @property
     def casting_faces(self) -> int:
         """Of the surface, that cast the shadows of lamps."""
         return len(self.template.coarse_faces)
+
+    @cached_property
+    def hairs(self) -> Hairs:
+        """All hairs of the hand."""
+        return self.grow_hairs()
 
     @cached_property
     def casting_vertices(self) -> int:
@@ -76,6 +89,12 @@ class LitShot(NamedTuple):
         scale: of the hand against its template.
         bounds: of its vertices.
         light: sampled around these.
+        at_surfels: its lamps as they light the skin that reflects light, in fewer samples where shadows are fine.
+        has_fine_shadows: whether all of the surface's faces cast those of hard lamps.
+        occluders: [T, 3, 3] m, world, corners of triangles that cast shadows on the hand.
+        patches: of these that reflect light; None: nothing does.
+        hairs: how many of the hand's it shows.
+        pressed: [N, 2] shares of blood that has left the surface's skin, and the beds of nails; None: nowhere.
     """
 
     pose: HandPose
@@ -88,6 +107,12 @@ class LitShot(NamedTuple):
     scale: float
     bounds: Bounds
     light: LightSamples
+    at_surfels: LampSamples
+    has_fine_shadows: bool
+    occluders: np.ndarray
+    patches: Patches | None
+    hairs: int
+    pressed: np.ndarray | None
 
 
 @runtime_checkable

@@ -28,15 +28,19 @@ from ..hand.topology import Skinning, topology_of
 from ..image.crop import Crop, crop_of
 from ..image.superres import RelightableSuperRes
 from ..light.indirect_diffuse import MOST_SURFELS
+from ..light.lamp_samples import LampSamples
+from ..light.nearby_geometry import Patches
 from ..light.samples import LightSamples
 from ..light.shadow_maps import Bounds
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
+from ..surface.blood import Blanching
 from ..surface.detail_mesh import DetailTemplate
+from ..surface.hair_growth import Hairs
 from .albedo import vertex_albedo
-from .avatar_surface import AvatarSurface, avatar_surface_of
+from .avatar_surface import AvatarSurface, avatar_surface_of, hairs_on
 from .primary_hits import EDGE_M, STANDS_OUT_M
 
 BUCKET_PX = 64
@@ -44,12 +48,27 @@ BUCKET_PX = 64
 LOGGER = logging.getLogger(__name__)
 
 
-def is_short(shot: Shot) -> bool:
-    """Return whether the short road knows all that a shot asks for."""
-    light = shot.light or Light()
-    is_plain = light.measured is None and len(light.occluders) == 0 and light.shadow_quality != "fine"
-    is_bare = shot.hair == 0 and shot.pressed_m is None
-    return is_plain and shot.quality == "final" and is_bare and not shot.camera.is_orthographic
+def reason_for_stages(shot: Shot) -> str | None:
+    """Say what of a shot only stages know, as the end of "it is rendered stage by stage, because"; None: nothing.
+
+    A shot that moves is rendered as one that is kept, which takes no longer here.
+    """
+    if shot.camera.is_orthographic:
+        return "its camera is orthographic"
+    if shot.light is not None and shot.light.measured is not None:
+        return "its light was measured"
+    return None
+
+
+def reason_of_avatar(avatar: Avatar, hand: HandModel) -> str | None:
+    """Say, as `reason_for_stages`, what of an avatar only stages know."""
+    if not isinstance(avatar.field, RelightableField):
+        return "its avatar has its capture's light baked in"
+    if avatar.surface is None:
+        return "its avatar has no surface of its own"
+    if len(hand.v_template) > MOST_SURFELS:
+        return f"its hand has more than {MOST_SURFELS} vertices"
+    return None
 
 
 @dataclass(frozen=True)
@@ -71,8 +90,8 @@ class LitShots:
 
     @classmethod
     def of(cls, avatar: Avatar, hand: HandModel, backend: ReferenceBackend) -> LitShots | None:
-        """Prepare an avatar; None: it has no surface or more vertices than are surfels, or the backend renders none."""
-        if not backend.renders_lit_frames or len(hand.v_template) > MOST_SURFELS:
+        """Prepare an avatar; None: `reason_of_avatar` says why not, or the backend renders no whole frames."""
+        if not backend.renders_lit_frames or reason_of_avatar(avatar, hand) is not None:
             return None
         surface = avatar_surface_of(avatar, torch.device("cpu"))
         return None if surface is None else cls(avatar, hand, surface, backend)
@@ -105,6 +124,12 @@ class LitShots:
                 scale=float(mesh.scale),
                 bounds=bounds,
                 light=LightSamples.of(light, bounds),
+                at_surfels=LampSamples.of(light.lamps, bounds),
+                has_fine_shadows=light.shadow_quality == "fine",
+                occluders=np.asarray(light.occluders, np.float32),
+                patches=_patches_of(light, mesh.vertices),
+                hairs=round(shot.hair * len(model.hairs.radius_m)) if shot.hair > 0 else 0,
+                pressed=None if shot.pressed_m is None else Blanching.of(shot.pressed_m, model.template).both.numpy(),
             )
         )
         if pixels is None:
@@ -142,12 +167,19 @@ class LitShots:
             topology=topology_of(model, "cpu", self.hand.side),
             skinning=Skinning.of(self.hand),
             template=DetailTemplate.of(self.surface.surface, model),
-            maps=self.surface.maps,
+            maps=self.surface.maps_of(side),
             albedo=torch.as_tensor(vertex_albedo(self.avatar, self.hand), dtype=torch.float32),
             sampler=config.sampler.at_surface,
             stands_out_m=STANDS_OUT_M,
             edge_m=EDGE_M,
+            grow_hairs=lambda: self._hairs,
+            hair_albedo=self.surface.hair_albedo,
         )
+
+    @cached_property
+    def _hairs(self) -> Hairs:
+        """Of either hand."""
+        return hairs_on(self.surface, self._model("right").template)
 
     @cached_property
     def _models(self) -> dict[Side, FrameModel]:
@@ -156,6 +188,12 @@ class LitShots:
     @cached_property
     def _renderers(self) -> dict[Side, LitFrameRenderer]:
         return {}
+
+
+def _patches_of(light: Light, vertices: Tensor) -> Patches | None:
+    """Find what near a hand reflects light; None: nothing does."""
+    patches = Patches.around(light, vertices)
+    return patches if len(patches.position) else None
 
 
 def _frame_of(pixels: Float[np.ndarray, "H W 5"], crop: Crop, shot: Shot) -> Frame:

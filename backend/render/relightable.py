@@ -59,7 +59,7 @@ from .albedo import vertex_albedo
 from .avatar_surface import avatar_surface_of
 from .gbuffer import DecodedRays, GBuffer, RelightableNetworks, SurfaceLayer
 from .light_visibility import NO_OCCLUDERS, LightVisibility, light_visibility, sky_shadows
-from .lit_shots import LitShots, is_short
+from .lit_shots import LitShots, reason_for_stages
 from .measured_light import AtRays, measured_at
 from .pipeline import Pipeline, PosedShot
 from .posed_surface import SurfaceInView, SurfacePoser
@@ -87,7 +87,7 @@ class RelightablePipeline(Pipeline):
 
     def render(self, shot: Shot, progress: RenderProgress) -> Frame:
         """Render a frame; raises what `Renderer.render` raises."""
-        if self._shots is not None and is_short(shot):
+        if self._shots is not None and reason_for_stages(shot) is None:
             progress.begin("pose")
             frame = self._shots.render(shot, self.light_of(shot))
             if frame is not None:

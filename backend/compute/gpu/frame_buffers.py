@@ -14,7 +14,8 @@ from ...surface.detail_mesh import SAMPLES
 from ..lit_frames import FrameModel
 from .blocks import DeviceBlock, HostBlock, Layout
 from .frame_model import DeviceModel, precision_on
-from .frame_parameters import FrameShape, parameter_layout
+from .frame_parameters import parameter_layout
+from .frame_shape import FrameShape
 from .kernels.compiled import INFINITE_BITS
 from .kernels.tiles import ROWS
 
@@ -126,7 +127,8 @@ class FrameBuffers:
         return tuple(self[name] for name in names)
 
     def new(self, name: str, kind: Any, *shape: int) -> wp.array:
-        """Make an array that every frame fills before it is read."""
+        """Make an array that every frame fills before it is read; no table or parameter may have its name."""
+        assert not any(name in known for known in (self._tables, *(layout for _, layout in self._blocks))), name
         self._new[name] = wp.zeros(shape, dtype=kind, device=self.device)
         return self._new[name]
 
@@ -181,6 +183,8 @@ def _of_zeros(model: FrameModel, shape: FrameShape, half: Any) -> Layout:
         "values": (wp.float32, (4 * shape.rays, 18)),
         "alphas": (wp.float32, (4 * shape.rays,)),
         "colours": (wp.vec3, (4 * shape.rays,)),
+        "longest_bits": (wp.int32, (1,)),
+        "hair_sums": (wp.int64, (4 * shape.rays if shape.has_hairs else 0, 4)),
         "maps34": (wp.float32, (shape.rays, maps)),
         "padded": (half, (rows, 64)),
     }
@@ -205,4 +209,5 @@ def _of_infinity(shape: FrameShape) -> Layout:
         "shadow_maps": (wp.int32, (shape.map_cells,)),
         "bounds": (wp.int32, (shape.views, 4)),
         "depth_of_rays": (wp.float32, (shape.rays,)),
+        "hair_depth_bits": (wp.int32, (4 * shape.rays if shape.has_hairs else 0,)),
     }

@@ -1,4 +1,4 @@
-"""Launches of a lit frame: shadows, what the decoder makes of rays, and the light at them."""
+"""Launches of a lit frame: what the decoder makes of rays, and the light at them, with that of nearby geometry."""
 
 from __future__ import annotations
 
@@ -6,50 +6,23 @@ import warp as wp
 
 from ...image.shading import ray_row_columns
 from ...light.lighting import COEFFICIENTS, RELIGHTABLE_FEATURES
+from ...light.near_field_light import sky_cells
+from ...light.nearby_geometry import MOST_PATCHES
 from ...light.sky_samples import SKY_DIRECTIONS
-from .blocks import address_of, columns_of, part_of, stride_of
+from .blocks import columns_of, part_of
 from .frame_buffers import FrameBuffers
-from .frame_model import Layer
-from .frame_parameters import LAMP_COLUMNS
+from .frame_model import Layer, device_array
+from .frame_nearby import POINTS
+from .frame_parameters import LAMP_COLUMNS, SURFEL_LAMP_COLUMNS
 from .kernels.decoder import FEW, decode_rays, decoder_inputs, multiply_rows_plainly
 from .kernels.features import add_lamps, add_surfels, sky_features, sum_surfels
+from .kernels.nearby import light_of_patches, near_field_light, reflect_on_surfels, share_among_patches
 from .kernels.pixels import mean_over_surface
-from .kernels.shadow import draw_sides, find_bounds, look_up, project_casters
 from .kernels.surfels import reflect_on_rays, surfel_radiance
 from .kernels.tiles import ROWS, multiply_rows
 
-_BOUND_PARTS = 32  # times the lanes: threads that look for the bounds of a view's points
-
-
-def add_shadows(frame: FrameBuffers) -> None:
-    """Add the shadows of all views: of the sky and of lamps, at rays and at surfels."""
-    model, shape = frame.model, frame.shape
-    vertices, views = len(model.albedo), shape.views
-    parts = 1 if frame.lanes == 1 else _BOUND_PARTS * frame.lanes
-    seen = "ray_count", "sphere", "frames", "distance", "table"
-    frame.add(find_bounds, (views, parts), *seen, "points", parts, "bounds")
-    casting = max(vertices, model.casting_vertices)
-    frame.new("placed", wp.vec3, views, vertices + model.casting_vertices)
-    frame.add(project_casters, (views, casting), *seen, "bounds", "casters", "placed")
-    faces = max(len(model.topology.faces), model.casting_faces)
-    frame.add(draw_sides, (views, faces), "table", "placed", "casting_faces", "shadow_maps")
-    most = vertices + shape.rays
-    lit, depth_in_m = (frame.new(name, wp.float32, views, most) for name in ("lit", "depth_in_m"))
-    frame.add(look_up, (views, most), *seen, "points", "bounds", "shadow_maps", "lengths", lit, depth_in_m)
-    first, second = shape.sky, shape.sky + shape.samples
-    for name, values in (("lit", lit), ("depth_in_m", depth_in_m)):
-        frame.named(f"sky_{name}", _block_of(values, 0, vertices, shape.sky, shape.rays))
-        frame.named(f"cell_{name}", _block_of(values, 0, vertices, SKY_DIRECTIONS, shape.rays))
-        frame.named(f"lamp_{name}", _block_of(values, first, 0, shape.samples, shape.rays))
-        frame.named(f"surfel_sky_{name}", _block_of(values, 0, 0, shape.sky, vertices))
-        frame.named(f"surfel_lamp_{name}", _block_of(values, second, 0, shape.samples, vertices))
-
-
-def _block_of(values: wp.array, row: int, column: int, rows: int, columns: int) -> wp.array:
-    """Return a part of a matrix, without a copy."""
-    at = address_of(values) + row * stride_of(values) + 4 * column
-    strides = stride_of(values), 4
-    return wp.array(ptr=at, dtype=wp.float32, shape=(rows, columns), strides=strides, device=values.device)
+_DISCS = "vertices", "normals", "area_m2", "radiance_of_surfels"
+_PATCHES = "patch_position", "patch_normal", "patch_area_m2", "emitted"
 
 
 def add_decoder(frame: FrameBuffers) -> None:
@@ -59,7 +32,7 @@ def add_decoder(frame: FrameBuffers) -> None:
     near = frame.model.field.near_channels
     inputs = frame.new("decoder_inputs", frame.half, rows, 64)
     frame.named("cells", part_of(frame["towards"], 0, SKY_DIRECTIONS))
-    at = "view_direction", "normal", "cells", "cell_lit"
+    at = "view_direction", "normal", "cells", "open_sky"
     frame.add(decoder_inputs, rays, "ray_count", "channels", "alpha", near, *at, inputs)
     frame.new("every_row", wp.float32, rows, 1).fill_(1.0)
     hidden = [frame.new(f"hidden{number}", frame.half, rows, width) for number in range(2)]
@@ -99,14 +72,14 @@ def add_light(frame: FrameBuffers) -> None:
     lamps = *LAMP_COLUMNS, "lamp_rgb"
     frame.new("radiance_of_surfels", wp.vec3, vertices)
     skin = "vertices", "normals", "albedo"
-    frame.add(
-        surfel_radiance, vertices, *skin, *of_sky, "surfel_sky_lit", *lamps, "surfel_lamp_lit", "radiance_of_surfels"
-    )
+    at_surfels = *of_sky, "surfel_sky_lit", *SURFEL_LAMP_COLUMNS, "lamp_rgb", "surfel_lamp_lit"
+    frame.add(surfel_radiance, vertices, *skin, *at_surfels, "radiance_of_surfels")
+    if shape.has_patches:
+        _add_patches(frame)
     parts = frame.lanes
     frame.new("surfel_sums", wp.float32, vertices, parts, 4)
     frame.new("received", wp.vec3, vertices)
-    discs = "vertices", "normals", "area_m2", "radiance_of_surfels"
-    frame.add(add_surfels, (vertices, parts), "vertices", "normals", *discs, parts, "surfel_sums")
+    frame.add(add_surfels, (vertices, parts), "vertices", "normals", *_DISCS, parts, "surfel_sums")
     frame.add(sum_surfels, vertices, "surfel_sums", "received")
     _name_features(frame)
     points = "normal", "relief_normal", "view_direction"
@@ -116,7 +89,9 @@ def add_light(frame: FrameBuffers) -> None:
         of_lamps = *lamps, "lamp_lit", "lamp_depth_in_m", "lamp_vectors", "scattered"
         frame.add(add_lamps, shape.rays, "ray_count", "position", "normal", "relief_normal", *of_lamps)
     at = "corner", "corner_weight", "position", "normal"
-    frame.add(reflect_on_rays, shape.rays, "ray_count", *at, *discs, "received", "reflected")
+    frame.add(reflect_on_rays, shape.rays, "ray_count", *at, *_DISCS, "received", "reflected")
+    if shape.has_patches:
+        _add_near_rays(frame)
     of_rays = "pixel", "row", shape.size_px[0], "position", "normal", "off_plane_m"
     frame.add(mean_over_surface, shape.rays, "ray_count", *of_rays, 1, "light", "smooth_light")
 
@@ -131,5 +106,43 @@ def _name_features(frame: FrameBuffers) -> None:
     frame.named("lamp_vectors", columns_of(light, 0, wp.vec3, (frame.shape.lamps,)))
     frame.named("sky_vectors", columns_of(light, at["sky_vectors"].start, wp.vec3, (3,)))
     frame.named("lobe_visibility", columns_of(light, at["lobe_visibility"].start, wp.float32, (2,)))
+    at_near = at["near_field_specular"].start
+    frame.named("near_field_specular", columns_of(light, at_near, wp.vec3, (2,)))
     frame.named("scattered", columns_of(light, at["scattered"].start, wp.vec3, (2,)))
     frame.named("reflected", columns_of(light, at["reflected"].start, wp.vec3, ()))
+
+
+def _add_patches(frame: FrameBuffers) -> None:
+    """Add what patches receive of the light and of the hand, what they reflect, and what surfels receive of that."""
+    vertices, parts = len(frame.model.albedo), frame.lanes
+    _name_tables(frame)
+    lamps = *SURFEL_LAMP_COLUMNS, "lamp_rgb"
+    white, lit = ("point_position", "point_normal", "white"), ("patch_sky_lit", *lamps, "patch_lamp_lit")
+    frame.new("of_points", wp.vec3, POINTS)
+    frame.add(surfel_radiance, POINTS, *white, "towards", "flux", *lit, "of_points")
+    sums = frame.new("patch_sums", wp.float32, MOST_PATCHES, parts, 4)
+    at = "patch_position", "patch_normal"
+    frame.add(add_surfels, (MOST_PATCHES, parts), *at, *_DISCS, parts, sums)
+    for name in ("first_light", "of_hand", "emitted"):
+        frame.new(name, wp.vec3, MOST_PATCHES)
+    of_points = "of_points", "point_share", "patch_start", "patch_albedo", sums, "first_light", "of_hand"
+    frame.add(light_of_patches, MOST_PATCHES, *of_points)
+    shared = *_PATCHES[:3], "patch_albedo", "first_light", "of_hand", "emitted"
+    frame.add(share_among_patches, MOST_PATCHES, *shared)
+    of_patches = *_PATCHES, "surfel_open_sky", "sky_cell", "sky_weight"
+    frame.add(reflect_on_surfels, vertices, "vertices", "normals", "albedo", *of_patches, "radiance_of_surfels")
+
+
+def _name_tables(frame: FrameBuffers) -> None:
+    nearest, weights = sky_cells(frame.model.albedo.device)
+    frame.named("sky_cell", device_array(nearest, wp.int64, frame.device))
+    frame.named("sky_weight", device_array(weights, wp.float32, frame.device))
+    frame.new("white", wp.vec3, POINTS).fill_(1.0)
+
+
+def _add_near_rays(frame: FrameBuffers) -> None:
+    """Add the light of patches on rays to what they receive of the rest."""
+    at = "position", "normal", "relief_normal", "view_direction"
+    of_patches = *_PATCHES, "open_sky", "sky_cell", "sky_weight"
+    light = "sky_vectors", "near_field_specular", "scattered"
+    frame.add(near_field_light, frame.shape.rays, "ray_count", *at, *of_patches, *light)

@@ -8,6 +8,7 @@ import warp as wp
 from .blocks import address_of, part_of, stride_of
 from .frame_buffers import FrameBuffers
 from .frame_model import device_array
+from .frame_nearby import POINTS
 from .kernels.detail import fine_vertices, finer_field, vertex_normals
 from .kernels.hits import project_layers
 from .kernels.raster import find_fronts, normals_at, project_vertices
@@ -93,7 +94,8 @@ def add_views(frame: FrameBuffers) -> None:
     frame.new("moved", wp.vec3, vertices)
     layers = frame.new("layers", wp.vec3, 4 * vertices)
     as_rows = layers.reshape((4, vertices))
-    points = frame.new("points", wp.vec3, vertices + 2 * rays)
+    of_patches = 2 * POINTS if frame.shape.has_patches else 0
+    points = frame.new("points", wp.vec3, vertices + 2 * rays + of_patches)
     frame.named("position", part_of(points, vertices, rays))
     frame.named("on_surface", part_of(points, vertices + rays, rays))
     of_mesh = "vertices", "normals", "fine", "K", "world2cam", "scale", "lifts_m"

@@ -15,11 +15,13 @@ from jaxtyping import Float
 from ..lit_frames import FrameModel, LitShot
 from .frame_buffers import OUT_CHANNELS, FrameBuffers
 from .frame_image import add_colours, add_coverage, add_pixels, add_superres
-from .frame_light import add_decoder, add_light, add_shadows
+from .frame_light import add_decoder, add_light
 from .frame_model import DeviceModel
-from .frame_parameters import FrameShape, fill_parameters
+from .frame_parameters import fill_parameters
 from .frame_pose import add_pose, add_views
 from .frame_rays import add_rays
+from .frame_shadows import add_shadows
+from .frame_shape import FrameShape
 from .ray_stages import CAPACITY
 
 _MOST_KEPT = 4
