@@ -22,7 +22,7 @@ from ..compute.reference import ReferenceBackend
 from ..field.conditions import joint_pose
 from ..field.rays import camera_tensors
 from ..field.relightable import RelightableField
-from ..geometry.mesh import posed_mesh
+from ..geometry.mesh import PosedMesh, posed_mesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.topology import Skinning, topology_of
 from ..image.crop import Crop, crop_of
@@ -102,40 +102,42 @@ class LitShots:
             return self._rendered(shot, light)
 
     def _rendered(self, shot: Shot, light: Light) -> Frame | None:
-        model = self._model(shot.pose.side)
-        mesh = posed_mesh(model.topology, torch.as_tensor(np.asarray(shot.vertices), dtype=torch.float32))
+        topology = self._model(shot.pose.side).topology
+        mesh = posed_mesh(topology, torch.as_tensor(np.asarray(shot.vertices), dtype=torch.float32))
         crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, self.avatar.config.superres.scale)
         if crop is None:
             return empty_frame(shot.camera.size_px)
         window_px = crop.width, crop.height
         width, height = (-(-size // BUCKET_PX) * BUCKET_PX for size in window_px)
         crop = replace(crop, width=width, height=height)
-        pose, bounds = shot.pose, Bounds.of(mesh)
-        theta, forearm = (values * self._mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
-        pixels = self._renderer(pose.side).render(
-            LitShot(
-                pose=pose,
-                vertices=mesh.vertices.numpy(),
-                joint_pose=self._joint_pose(pose).numpy(),
-                height_m=1e-3 * self.surface.surface.raised.height_mm(theta, self.surface.veins_mm, forearm),
-                flex=self.surface.bend.flex(theta),
-                camera=camera_tensors(crop.camera_of(shot.camera), "cpu"),
-                window_px=window_px,
-                scale=float(mesh.scale),
-                bounds=bounds,
-                light=LightSamples.of(light, bounds),
-                at_surfels=LampSamples.of(light.lamps, bounds),
-                has_fine_shadows=light.shadow_quality == "fine",
-                occluders=np.asarray(light.occluders, np.float32),
-                patches=_patches_of(light, mesh.vertices),
-                hairs=round(shot.hair * len(model.hairs.radius_m)) if shot.hair > 0 else 0,
-                pressed=None if shot.pressed_m is None else Blanching.of(shot.pressed_m, model.template).both.numpy(),
-            )
-        )
+        pixels = self._renderer(shot.pose.side).render(self._lit_shot(shot, light, mesh, crop, window_px))
         if pixels is None:
             LOGGER.warning("a GPU's lists hold fewer edges or layers, or its memory is full; stages render this frame")
             return None
         return _frame_of(pixels, crop, shot)
+
+    def _lit_shot(self, shot: Shot, light: Light, mesh: PosedMesh, crop: Crop, window_px: tuple[int, int]) -> LitShot:
+        model, pose, bounds = self._model(shot.pose.side), shot.pose, Bounds.of(mesh)
+        theta, forearm = (values * self._mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
+        pressed = None if shot.pressed_m is None else Blanching.of(shot.pressed_m, model.template).both.numpy()
+        return LitShot(
+            pose=pose,
+            vertices=mesh.vertices.numpy(),
+            joint_pose=self._joint_pose(pose).numpy(),
+            height_m=1e-3 * self.surface.surface.raised.height_mm(theta, self.surface.veins_mm, forearm),
+            flex=self.surface.bend.flex(theta),
+            camera=camera_tensors(crop.camera_of(shot.camera), "cpu"),
+            window_px=window_px,
+            scale=float(mesh.scale),
+            bounds=bounds,
+            light=LightSamples.of(light, bounds),
+            at_surfels=LampSamples.of(light.lamps, bounds),
+            has_fine_shadows=light.shadow_quality == "fine",
+            occluders=np.asarray(light.occluders, np.float32),
+            patches=_patches_of(light, mesh.vertices),
+            hairs=round(shot.hair * len(model.hairs.radius_m)) if shot.hair > 0 else 0,
+            pressed=pressed,
+        )
 
     def _joint_pose(self, pose: HandPose) -> Tensor:
         theta = pose.theta * self._mirror_to(self.hand.side, pose.side)

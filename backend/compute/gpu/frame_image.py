@@ -10,7 +10,6 @@ from ...surface.hairs import SEGMENTS
 from .blocks import part_of, stride_of
 from .frame_buffers import COVERED, EDGES, FrameBuffers
 from .frame_light import add_products
-from .frame_model import device_array
 from .kernels.detail import add_skin
 from .kernels.edges import develop_pixels, edge_shares, list_edges, mark_pixels, sample_faces, spread_coverage
 from .kernels.hairs import draw_hairs, pose_hairs
@@ -60,11 +59,11 @@ def add_superres(frame: FrameBuffers) -> None:
     stride, rows = width + 2, frame.image_rows
     inside = np.zeros((rows, 1), np.float32)
     inside[: (height + 2) * stride].reshape(height + 2, stride)[1:-1, 1:-1] = 1
-    frame.named("inside", device_array(inside, wp.float32, frame.device))
+    frame.constant("inside", inside, wp.float32)
     shifts = np.array([(tap // 3 - 1) * stride + tap % 3 - 1 for tap in range(9)], np.int32)
-    frame.named("nine_taps", device_array(shifts, wp.int32, frame.device))
+    frame.constant("nine_taps", shifts, wp.int32)
     first, last = stride + 1, (height + 1) * stride - 1
-    frame.named("last_row", device_array(np.array([last], np.int32), wp.int32, frame.device))
+    frame.constant("last_row", np.array([last], np.int32), wp.int32)
     images = [frame.new(f"image{number}", frame.half, rows, 64) for number in range(2)]
     tail = frame.new("tail", wp.float32, rows, 64)
     tiles, values, layers = -(-(last - first) // int(ROWS)), frame["padded"], frame.networks.superres
@@ -139,7 +138,7 @@ def _add_hairs(frame: FrameBuffers) -> None:
         "hair_albedo": (np.array(frame.model.hair_albedo), wp.float32),
     }
     for name, (values, kind) in tables.items():
-        frame.named(name, device_array(values, kind, frame.device))
+        frame.constant(name, values, kind)
     for name in ("hair_points", "hair_placed"):
         frame.new(name, wp.vec3, count, SEGMENTS + 1)
     frame.new("hair_normal", wp.vec3, count)

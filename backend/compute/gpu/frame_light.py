@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import warp as wp
 
 from ...image.shading import ray_row_columns
@@ -11,7 +12,7 @@ from ...light.nearby_geometry import MOST_PATCHES
 from ...light.sky_samples import SKY_DIRECTIONS
 from .blocks import columns_of, part_of
 from .frame_buffers import FrameBuffers
-from .frame_model import Layer, device_array
+from .frame_model import Layer
 from .frame_nearby import POINTS
 from .frame_parameters import LAMP_COLUMNS, SURFEL_LAMP_COLUMNS
 from .kernels.decoder import FEW, decode_rays, decoder_inputs, multiply_rows_plainly
@@ -22,7 +23,7 @@ from .kernels.surfels import reflect_on_rays, surfel_radiance
 from .kernels.tiles import ROWS, multiply_rows
 
 _DISCS = "vertices", "normals", "area_m2", "radiance_of_surfels"
-_PATCHES = "patch_position", "patch_normal", "patch_area_m2", "emitted"
+_PATCHES = "patch_count", "patch_position", "patch_normal", "patch_area_m2", "emitted"
 
 
 def add_decoder(frame: FrameBuffers) -> None:
@@ -34,7 +35,7 @@ def add_decoder(frame: FrameBuffers) -> None:
     frame.named("cells", part_of(frame["towards"], 0, SKY_DIRECTIONS))
     at = "view_direction", "normal", "cells", "open_sky"
     frame.add(decoder_inputs, rays, "ray_count", "channels", "alpha", near, *at, inputs)
-    frame.new("every_row", wp.float32, rows, 1).fill_(1.0)
+    frame.constant("every_row", np.ones((rows, 1)), wp.float32)
     hidden = [frame.new(f"hidden{number}", frame.half, rows, width) for number in range(2)]
     answers = *hidden, frame.new("raw", wp.float32, rows, 64)
     tiles, values = -(-rays // int(ROWS)), inputs
@@ -127,7 +128,7 @@ def _add_patches(frame: FrameBuffers) -> None:
         frame.new(name, wp.vec3, MOST_PATCHES)
     of_points = "of_points", "point_share", "patch_start", "patch_albedo", sums, "first_light", "of_hand"
     frame.add(light_of_patches, MOST_PATCHES, *of_points)
-    shared = *_PATCHES[:3], "patch_albedo", "first_light", "of_hand", "emitted"
+    shared = *_PATCHES[:4], "patch_albedo", "first_light", "of_hand", "emitted"
     frame.add(share_among_patches, MOST_PATCHES, *shared)
     of_patches = *_PATCHES, "surfel_open_sky", "sky_cell", "sky_weight"
     frame.add(reflect_on_surfels, vertices, "vertices", "normals", "albedo", *of_patches, "radiance_of_surfels")
@@ -135,9 +136,9 @@ def _add_patches(frame: FrameBuffers) -> None:
 
 def _name_tables(frame: FrameBuffers) -> None:
     nearest, weights = sky_cells(frame.model.albedo.device)
-    frame.named("sky_cell", device_array(nearest, wp.int64, frame.device))
-    frame.named("sky_weight", device_array(weights, wp.float32, frame.device))
-    frame.new("white", wp.vec3, POINTS).fill_(1.0)
+    frame.constant("sky_cell", nearest, wp.int64)
+    frame.constant("sky_weight", weights, wp.float32)
+    frame.constant("white", np.ones((POINTS, 3)), wp.vec3)
 
 
 def _add_near_rays(frame: FrameBuffers) -> None:

@@ -32,6 +32,7 @@ def nearby_layout(shape: FrameShape) -> Layout:
         "point_normal": (wp.vec3, (POINTS,)),
         "point_share": (wp.float32, (POINTS,)),
         "patch_start": (wp.int32, (MOST_PATCHES + 1,)),
+        "patch_count": (wp.int32, (1,)),
         "patch_position": (wp.vec3, (MOST_PATCHES,)),
         "patch_normal": (wp.vec3, (MOST_PATCHES,)),
         "patch_area_m2": (wp.float32, (MOST_PATCHES,)),
@@ -48,7 +49,7 @@ def fill_nearby(host: HostBlock, shot: LitShot) -> None:
 
 
 def _fill_patches(host: HostBlock, patches: Patches, vertices: torch.Tensor) -> None:
-    """Fill patches and their points, patch by patch; those that there are not have no area."""
+    """Fill patches and their points, patch by patch."""
     points, bounds = patches.points, patches.points.bounds_with(vertices)
     count, order = len(points.position), np.argsort(points.patch.numpy(), kind="stable")
     for first, map_px in ((0, SKY_MAP_PX), (POINTS, LAMP_MAP_PX)):
@@ -59,6 +60,6 @@ def _fill_patches(host: HostBlock, patches: Patches, vertices: torch.Tensor) -> 
     host["patch_start"][:] = np.searchsorted(patch, np.arange(MOST_PATCHES + 1))
     for name in ("position", "normal"):
         host[f"point_{name}"][:count] = getattr(points, name).numpy()[order]
-    host["patch_area_m2"][:] = 0
+    host["patch_count"][:] = len(patches.position)
     for name in ("position", "normal", "area_m2", "albedo"):
         host[f"patch_{name}"][: len(patches.position)] = getattr(patches, name).numpy()

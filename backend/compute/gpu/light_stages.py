@@ -140,7 +140,16 @@ def near_field_light(
     """Compute near-field light, as `light.near_field_light.near_field_light`."""
     count = len(points.position)
     found = NearFieldFeatures(*(emitted.new_zeros(count, *shape) for shape in ((3, 3), (2, 3), (2, 3))))
-    around = patches.position, patches.normal, patches.area_m2, emitted, sky_visibility.lit, *sky_cells(emitted.device)
+    many = torch.tensor([len(patches.position)], dtype=torch.int32, device=emitted.device)
+    around = (
+        many,
+        patches.position,
+        patches.normal,
+        patches.area_m2,
+        emitted,
+        sky_visibility.lit,
+        *sky_cells(emitted.device),
+    )
     launch(add_near_light, count, *points[:4], *around, *found)
     return found
 

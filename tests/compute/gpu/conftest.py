@@ -94,3 +94,32 @@ def calls():
         assert renderer.render(shot).alpha.max() > 0.9
         renderer.forget()
     return recorder.calls
+
+
+@pytest.fixture(scope="session")
+def hand():
+    return load_default_hand()
+
+
+@pytest.fixture(scope="session")
+def renderers(device, hand):
+    """At once on Warp's device, and stage by stage on the CPU as everybody's frames are."""
+    from livehand.backend.compute.gpu.backend import WarpBackend
+
+    avatar, name = load_avatar(), "cuda:0" if device.type == "cuda" else "cpu"
+    return (Renderer(avatar, hand, "cpu", "fp32", backend) for backend in (WarpBackend(name), NumbaBackend()))
+
+
+@pytest.fixture(scope="session")
+def ours(renderers):
+    return next(renderers)
+
+
+@pytest.fixture(scope="session")
+def theirs(ours, renderers):
+    return next(renderers)
+
+
+@pytest.fixture(scope="session")
+def first(hand):
+    return next(iter(shots(hand)))

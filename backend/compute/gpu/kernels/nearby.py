@@ -95,6 +95,7 @@ def light_of_patches(
 @kernel
 @no_type_check
 def share_among_patches(
+    patches: Ints,
     position: Vectors,
     normal: Vectors,
     area_m2: Floats,
@@ -103,11 +104,16 @@ def share_among_patches(
     of_hand: Vectors,
     emitted: Vectors,
 ):
-    """Fill the radiance of patches [P] after one exchange among them, as `near_field_light.PatchIrradiance.emitted`."""
+    """Fill the radiance of patches [P] after one exchange among them, as `near_field_light.PatchIrradiance.emitted`.
+
+    `patches` [1] is how many there are.
+    """
     patch = wp.tid()
+    if patch >= patches[0]:
+        return
     light = wp.vec3()
     total = wp.float32(0.0)
-    for k in range(area_m2.shape[0]):
+    for k in range(patches[0]):
         found = _open_factor(position[patch], position[k], normal[k], area_m2[k])
         factor = found[3] * wp.max(wp.dot(wp.vec3(found[0], found[1], found[2]), normal[patch]), 0.0)
         total += factor
@@ -122,6 +128,7 @@ def reflect_on_surfels(
     at: Vectors,
     facing: Vectors,
     albedo: Vectors,
+    patches: Ints,
     position: Vectors,
     normal: Vectors,
     area_m2: Floats,
@@ -135,7 +142,7 @@ def reflect_on_surfels(
     surfel = wp.tid()
     light = wp.vec3()
     total = wp.float32(0.0)
-    for k in range(area_m2.shape[0]):
+    for k in range(patches[0]):
         found = _factor(at[surfel], surfel, k, position, normal, area_m2, open_sky, sky_cell, sky_weight)
         factor = found[3] * wp.max(wp.dot(wp.vec3(found[0], found[1], found[2]), facing[surfel]), 0.0)
         total += factor
@@ -151,6 +158,7 @@ def near_field_light(
     smooth: Vectors,
     relief: Vectors,
     view: Vectors,
+    patches: Ints,
     position: Vectors,
     normal: Vectors,
     area_m2: Floats,
@@ -164,15 +172,14 @@ def near_field_light(
 ):
     """Add what points [R] receive of patches [P] to vectors and scattered light, and fill specular light.
 
-    `open_sky` [K, R]: where the hand alone leaves the sky open.
+    `patches` [1] is how many there are, and `open_sky` [K, R] where the hand alone leaves the sky open.
     """
     point = wp.tid()
     if point >= count[0]:
         return
     here = at[point]
-    patches = area_m2.shape[0]
     total = wp.float32(0.0)
-    for k in range(patches):
+    for k in range(patches[0]):
         found = _factor(here, point, k, position, normal, area_m2, open_sky, sky_cell, sky_weight)
         total += found[3] * wp.max(wp.dot(wp.vec3(found[0], found[1], found[2]), relief[point]), 0.0)
     scale = 1.0 / wp.max(total, 1.0)
@@ -184,7 +191,7 @@ def near_field_light(
     deep = wp.vec3()
     shallow = wp.vec3()
     squares = wp.vec2(_TIGHT_SQUARED, _BROAD_SQUARED)
-    for k in range(patches):
+    for k in range(patches[0]):
         found = _factor(here, point, k, position, normal, area_m2, open_sky, sky_cell, sky_weight)
         towards = wp.vec3(found[0], found[1], found[2])
         light = (found[3] * scale) * emitted[k]
