@@ -33,6 +33,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = Path(__file__).with_name("page.html")
 MANIFEST = "blender_manifest.toml"
 INDEX_FILE = "package_index.txt"
+GPU_ROOM = Path("backend/compute/gpu")
 _BUILD_SECONDS = 900
 
 
@@ -131,7 +132,7 @@ def build_slim(release: Release, temporary: Path) -> Path:
     if release.gpu_chips:
         from ...backend.compute.gpu.ahead import SHIPPED, compile_kernels
 
-        done = compile_kernels(release.gpu_chips, stage / SHIPPED.relative_to(ROOT))
+        done = compile_kernels(release.gpu_chips, stage / GPU_ROOM / SHIPPED.name)
         say(f"kernels of GPUs: {done.size_bytes / 1e6:.1f} MB before the zip, {done.seconds:.0f} s")
     if release.cpu_index:
         (stage / INDEX_FILE).write_text(f"{release.cpu_index}\n", encoding="utf-8")
