@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 from torch import Tensor
 
 from ..field.rays import CameraTensors
@@ -115,12 +114,20 @@ class LitShot(NamedTuple):
     pressed: np.ndarray | None
 
 
+class ShotPixels(NamedTuple):
+    """A frame of H x W pixels: premultiplied scene-linear RGB [H, W, 3], alpha [H, W], and depth [H, W], m."""
+
+    rgb: np.ndarray
+    alpha: np.ndarray
+    depth: np.ndarray
+
+
 @runtime_checkable
 class LitFrameRenderer(Protocol):
     """Renders lit frames of one model."""
 
-    def render(self, shot: LitShot) -> Float[np.ndarray, "H W 5"] | None:
-        """Render premultiplied scene-linear RGB, alpha and depth, m; valid until the next frame.
+    def render(self, shot: LitShot) -> ShotPixels | None:
+        """Render a frame, whose pixels are valid until the next.
 
         Returns:
             None if the shot has more of something than there is room for.

@@ -13,16 +13,15 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
 from ..avatars.avatar import Avatar
-from ..compute.lit_frames import FrameModel, LitFrameRenderer, LitShot
+from ..compute.lit_frames import FrameModel, LitFrameRenderer, LitShot, ShotPixels
 from ..compute.reference import ReferenceBackend
 from ..field.conditions import joint_pose
 from ..field.rays import camera_tensors
 from ..field.relightable import RelightableField
-from ..geometry.mesh import PosedMesh, posed_mesh
+from ..geometry.mesh import PosedMesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.topology import Skinning, topology_of
 from ..image.crop import Crop, crop_of
@@ -41,6 +40,7 @@ from ..surface.detail_mesh import DetailTemplate
 from ..surface.hair_growth import Hairs
 from .albedo import vertex_albedo
 from .avatar_surface import AvatarSurface, avatar_surface_of, hairs_on
+from .backends import choose_backend
 from .primary_hits import EDGE_M, STANDS_OUT_M
 
 BUCKET_PX = 64
@@ -103,7 +103,7 @@ class LitShots:
 
     def _rendered(self, shot: Shot, light: Light) -> Frame | None:
         topology = self._model(shot.pose.side).topology
-        mesh = posed_mesh(topology, torch.as_tensor(np.asarray(shot.vertices), dtype=torch.float32))
+        mesh = self._of_host.posed_mesh(topology, torch.as_tensor(np.asarray(shot.vertices), dtype=torch.float32))
         crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, self.avatar.config.superres.scale)
         if crop is None:
             return empty_frame(shot.camera.size_px)
@@ -118,6 +118,7 @@ class LitShots:
 
     def _lit_shot(self, shot: Shot, light: Light, mesh: PosedMesh, crop: Crop, window_px: tuple[int, int]) -> LitShot:
         model, pose, bounds = self._model(shot.pose.side), shot.pose, Bounds.of(mesh)
+        samples, is_fine = LightSamples.of(light, bounds), light.shadow_quality == "fine"
         theta, forearm = (values * self._mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
         pressed = None if shot.pressed_m is None else Blanching.of(shot.pressed_m, model.template).both.numpy()
         return LitShot(
@@ -130,9 +131,9 @@ class LitShots:
             window_px=window_px,
             scale=float(mesh.scale),
             bounds=bounds,
-            light=LightSamples.of(light, bounds),
-            at_surfels=LampSamples.of(light.lamps, bounds),
-            has_fine_shadows=light.shadow_quality == "fine",
+            light=samples,
+            at_surfels=LampSamples.of(light.lamps, bounds) if is_fine else samples.lamps,
+            has_fine_shadows=is_fine,
             occluders=np.asarray(light.occluders, np.float32),
             patches=_patches_of(light, mesh.vertices),
             hairs=round(shot.hair * len(model.hairs.radius_m)) if shot.hair > 0 else 0,
@@ -179,6 +180,10 @@ class LitShots:
         )
 
     @cached_property
+    def _of_host(self) -> ReferenceBackend:
+        return choose_backend(torch.device("cpu"))
+
+    @cached_property
     def _hairs(self) -> Hairs:
         """Of either hand."""
         return hairs_on(self.surface, self._model("right").template)
@@ -198,9 +203,9 @@ def _patches_of(light: Light, vertices: Tensor) -> Patches | None:
     return patches if len(patches.position) else None
 
 
-def _frame_of(pixels: Float[np.ndarray, "H W 5"], crop: Crop, shot: Shot) -> Frame:
+def _frame_of(pixels: ShotPixels, crop: Crop, shot: Shot) -> Frame:
     """Paste a crop's pixels into a frame of the whole image."""
     frame = replace(empty_frame(shot.camera.size_px), is_lit=shot.light is not None)
-    for values, image in ((pixels[..., :3], frame.rgb), (pixels[..., 3], frame.alpha), (pixels[..., 4], frame.depth)):
+    for values, image in zip(pixels, (frame.rgb, frame.alpha, frame.depth), strict=True):
         crop.paste(values, image)
     return frame

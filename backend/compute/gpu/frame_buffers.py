@@ -21,7 +21,7 @@ from .frame_shape import FrameShape
 from .kernels.compiled import INFINITE_BITS
 from .kernels.tiles import ROWS, THREADS
 
-OUT_CHANNELS = 5
+_PIXELS = {"rgb": wp.vec3, "pixel_alpha": wp.float32, "pixel_depth": wp.float32}
 RAYS, COVERED, EDGES = range(3)
 """Counters of what is listed."""
 
@@ -172,7 +172,8 @@ class FrameBuffers:
 
 
 def _answer_layout(shape: FrameShape) -> Layout:
-    return {"pixels": (wp.float32, (4 * shape.rays, OUT_CHANNELS)), "overflow": (wp.int32, (1,))}
+    of_pixels = {name: (kind, (4 * shape.rays,)) for name, kind in _PIXELS.items()}
+    return {**of_pixels, "overflow": (wp.int32, (1,))}
 
 
 def _of_zeros(model: FrameModel, shape: FrameShape, half: Any) -> Layout:

@@ -122,7 +122,19 @@ def add_colours(frame: FrameBuffers) -> None:
     if frame.shape.has_hairs:
         _add_hairs(frame)
     hairs = "hair_sums", "hair_depth_bits", "hair_unit"
-    frame.add(develop_pixels, most, "colours", "alphas", "seen_m", 2 * width, *edges, *hairs, "pixels")
+    frame.add(
+        develop_pixels,
+        most,
+        "colours",
+        "alphas",
+        "seen_m",
+        2 * width,
+        *edges,
+        *hairs,
+        "rgb",
+        "pixel_alpha",
+        "pixel_depth",
+    )
 
 
 def _add_hairs(frame: FrameBuffers) -> None:

@@ -15,6 +15,7 @@ from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing
 from livehand.backend.records.shot import HandPose
+from livehand.backend.render import lit_shots
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.research.benchmark.motion import MovingHand
 
@@ -99,6 +100,14 @@ def calls():
 @pytest.fixture(scope="session")
 def hand():
     return load_default_hand()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def small_buckets():
+    """Frames of 64 x 96 px have half the rays then; those of the gates' rehearsal are as they are everywhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lit_shots, "BUCKET_PX", 16)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -81,7 +81,12 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("what", WRONG)
+BY_DAY = "a pose", "the sky that the hand leaves open", "a decoder", "light of patches", "hairs"
+
+
+@pytest.mark.parametrize(
+    "what", [what if what in BY_DAY else pytest.param(what, marks=pytest.mark.nightly) for what in WRONG]
+)
 def test_a_wrong_value_of_a_kernel_is_seen(ours, shot, expected, what, monkeypatch):
     rendered_at_once(ours, shot)
     buffers = sequence_of(ours, "left")
@@ -102,7 +107,16 @@ def test_a_lost_lamp_is_seen(ours, shot, expected, monkeypatch):
     assert not is_the_cpus(rendered_at_once(ours, shot), expected)
 
 
-@pytest.mark.parametrize("name", ["flux", "radiance", "occluders", "patch_albedo", "hair_count"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "flux",
+        *(
+            pytest.param(name, marks=pytest.mark.nightly)
+            for name in ("radiance", "occluders", "patch_albedo", "hair_count")
+        ),
+    ],
+)
 def test_a_parameter_that_is_not_uploaded_anew_is_seen(ours, theirs, shot, expected, name, monkeypatch):
     """A frame, and then another through the same buffers."""
     rendered_at_once(ours, shot)

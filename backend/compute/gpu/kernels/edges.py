@@ -10,7 +10,7 @@ from ....image.decode import MIN_ALPHA as CLEAR_ALPHA
 from ....image.shading import MIN_ALPHA
 from ....records.frame import DEPTH_BACKGROUND
 from ....surface.edge_antialiasing import SPREAD
-from .compiled import Bools, Bools2, Bytes, Floats, Floats2, Ints, Keys, Longs, Longs2, Vectors, kernel, part
+from .compiled import Bools, Bools2, Bytes, Floats, Ints, Keys, Longs, Longs2, Vectors, kernel, part
 from .hairs import WHOLE
 from .raster import depth_of, face_of, fragment_depth, projected_area, word_of
 
@@ -346,9 +346,11 @@ def develop_pixels(
     hair_sums: Longs2,
     hair_depth_bits: Ints,
     hair_unit: Floats,
-    out: Floats2,
+    out_rgb: Vectors,
+    out_alpha: Floats,
+    out_depth: Floats,
 ):
-    """Fill out [H * W, 5]: premultiplied scene-linear RGB, alpha, and depth, m; `slot`: its place among edges.
+    """Fill premultiplied scene-linear RGB, alpha, and depth, m, of pixels [H * W]; `slot`: its place among edges.
 
     Of hairs there are the sums and depths of `hairs.draw_hairs`, or none.
     """
@@ -371,9 +373,8 @@ def develop_pixels(
     if opacity <= _CLEAR_ALPHA:
         opacity = wp.float32(0.0)
         colour = wp.vec3()
-    for axis in range(3):
-        out[pixel, axis] = colour[axis]
-    out[pixel, 3] = opacity
-    out[pixel, 4] = _BACKGROUND
+    out_rgb[pixel] = colour
+    out_alpha[pixel] = opacity
+    out_depth[pixel] = _BACKGROUND
     if opacity >= 0.5 and wp.isfinite(behind_m):
-        out[pixel, 4] = behind_m
+        out_depth[pixel] = behind_m
