@@ -87,10 +87,11 @@ class RelightablePipeline(Pipeline):
 
     def render(self, shot: Shot, progress: RenderProgress) -> Frame:
         """Render a frame; raises what `Renderer.render` raises."""
-        progress.begin("pose")
-        frame = self.at_once(shot)
-        if frame is not None:
-            return frame
+        if self.renders_at_once:
+            progress.begin("pose")
+            frame = self.at_once(shot)
+            if frame is not None:
+                return frame
         gbuffer = self.gbuffer_of(shot, progress)
         if gbuffer is None:
             return empty_frame(shot.camera.size_px)
