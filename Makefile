@@ -60,14 +60,15 @@ test-fast: $(VENV)/dev.stamp
 	$(VENV_PYTHON) -m pytest -q $(SHARED) -m "not slow and not nightly" tests \
 		$(addprefix --ignore=tests/,blender gui compute/gpu training research/benchmark research/baselines research/comparison fuzz kills)
 
-# Fails without a GPU, so that nothing skipped is taken for passed.
+# Fails without a GPU, so that nothing skipped is taken for passed. REHEARSE=1: on the CPU, to see that the tests run.
+REHEARSE ?=
 test-cuda: $(VENV)/dev.stamp
-	@$(VENV_PYTHON) -c 'import sys, torch; sys.exit(None if torch.cuda.is_available() else "make test-cuda needs a CUDA GPU and a CUDA build of torch")'
-	$(VENV_PYTHON) -m pytest -q tests/test_cuda.py tests/compute/gpu
+	@$(if $(REHEARSE),true ||) $(VENV_PYTHON) -c 'import sys, torch; sys.exit(None if torch.cuda.is_available() else "make test-cuda needs a CUDA GPU and a CUDA build of torch")'
+	$(if $(REHEARSE),LIVEHAND_REHEARSE=1) $(VENV_PYTHON) -m pytest -q tests/test_cuda.py tests/compute/gpu
 
-# The day there is a GPU: those tests, and the times of frames against what is asked of them.
+# The day there is a GPU: those tests, and the times of frames against what is asked of them. REHEARSE=1 as above.
 gates: $(VENV)/dev.stamp
-	$(VENV_PYTHON) -m livehand.tools.gpu_gates
+	$(VENV_PYTHON) -m livehand.tools.gpu_gates $(if $(REHEARSE),--rehearse)
 
 # The Blender tests in each of the other versions; all are run, then it fails if one did.
 test-matrix: $(OTHER_BLENDERS:%=.venv-bpy%/test.stamp)
@@ -115,10 +116,12 @@ docs: $(VENV)/docs.stamp
 zip: $(VENV)/release.stamp
 	$(VENV_PYTHON) -m livehand.tools.release.build --out dist $(RELEASE) --only
 
+# GPU_CHIPS=7.5,8.6,8.9,9.0: kernels of NVIDIA's GPUs are compiled ahead into the zips, by Warp; most of a minute and 0.6 MB a chip.
+GPU_CHIPS ?=
 # Zips with all packages for Windows, macOS and Linux, each for two Pythons, and the repository that lists them, in
 # dist/release; the one for this system and Python is installed, and a frame rendered. WEBSITE goes into the manifests.
 WEBSITE ?=
-RELEASE := $(if $(WEBSITE),--website $(WEBSITE)) $(if $(CPU_TORCH),--cpu-torch $(CPU_TORCH))
+RELEASE := $(if $(WEBSITE),--website $(WEBSITE)) $(if $(CPU_TORCH),--cpu-torch $(CPU_TORCH)) $(if $(GPU_CHIPS),--gpu $(GPU_CHIPS))
 # If the zips will not lie beside the page that lists them: where they will, and where that will.
 ZIPS_URL ?=
 PAGE_URL ?=

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 from torch import Tensor
 
 from ..field.rays import CameraTensors
@@ -16,11 +16,14 @@ from ..field.sampler import SamplerConfig
 from ..geometry.mesh import Topology
 from ..hand.topology import Skinning
 from ..image.superres import ResidualSuperRes
+from ..light.lamp_samples import LampSamples
+from ..light.nearby_geometry import Patches
 from ..light.samples import LightSamples
 from ..light.shadow_maps import Bounds
 from ..records.shot import HandPose
 from ..surface.detail_maps import DetailMaps
 from ..surface.detail_mesh import DetailTemplate
+from ..surface.hair_growth import Hairs
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,8 @@ class FrameModel:
         sampler: of the rays, at the surface.
         stands_out_m: how far skin may stand out of the mesh, template metres.
         edge_m: by how much the depths of two surfaces differ, template metres.
+        grow_hairs: returns all hairs of the hand.
+        hair_albedo: of these, RGB.
     """
 
     field: RelightableField
@@ -50,11 +55,18 @@ class FrameModel:
     sampler: SamplerConfig
     stands_out_m: float
     edge_m: float
+    grow_hairs: Callable[[], Hairs]
+    hair_albedo: tuple[float, ...]
 
     @property
     def casting_faces(self) -> int:
         """Of the surface, that cast the shadows of lamps."""
         return len(self.template.coarse_faces)
+
+    @cached_property
+    def hairs(self) -> Hairs:
+        """All hairs of the hand."""
+        return self.grow_hairs()
 
     @cached_property
     def casting_vertices(self) -> int:
@@ -76,6 +88,12 @@ class LitShot(NamedTuple):
         scale: of the hand against its template.
         bounds: of its vertices.
         light: sampled around these.
+        at_surfels: its lamps as they light the skin that reflects light, in fewer samples where shadows are fine.
+        has_fine_shadows: whether all of the surface's faces cast those of hard lamps.
+        occluders: [T, 3, 3] m, world, corners of triangles that cast shadows on the hand.
+        patches: of these that reflect light; None: nothing does.
+        hairs: how many of the hand's it shows.
+        pressed: [N, 2] shares of blood that has left the surface's skin, and the beds of nails; None: nowhere.
     """
 
     pose: HandPose
@@ -88,14 +106,28 @@ class LitShot(NamedTuple):
     scale: float
     bounds: Bounds
     light: LightSamples
+    at_surfels: LampSamples
+    has_fine_shadows: bool
+    occluders: np.ndarray
+    patches: Patches | None
+    hairs: int
+    pressed: np.ndarray | None
+
+
+class ShotPixels(NamedTuple):
+    """A frame of H x W pixels: premultiplied scene-linear RGB [H, W, 3], alpha [H, W], and depth [H, W], m."""
+
+    rgb: np.ndarray
+    alpha: np.ndarray
+    depth: np.ndarray
 
 
 @runtime_checkable
 class LitFrameRenderer(Protocol):
     """Renders lit frames of one model."""
 
-    def render(self, shot: LitShot) -> Float[np.ndarray, "H W 5"] | None:
-        """Render premultiplied scene-linear RGB, alpha and depth, m; valid until the next frame.
+    def render(self, shot: LitShot) -> ShotPixels | None:
+        """Render a frame, whose pixels are valid until the next.
 
         Returns:
             None if the shot has more of something than there is room for.

@@ -72,8 +72,7 @@ class LampSamples(NamedTuple):
         rows = [
             _rows_of(index, *one, centre, shadow_quality) for index, one in enumerate(zip(lamps, angles, strict=True))
         ]
-        none = tuple(column[:0] for column in _rows_of(0, Lamp("sun", np.zeros(3)), 0.0, centre))
-        columns = zip(*(rows or [none]), strict=True)
+        columns = zip(*(rows or [_no_rows(centre)]), strict=True)
         tensors = [_tensor(np.concatenate(column), device) for column in columns]
         rgb = np.array([lamp.rgb for lamp in lamps]).reshape(-1, 3)
         return cls(*tensors, rgb=_tensor(rgb, device), radius_rad=_tensor(np.array(angles).reshape(-1) / 2, device))
@@ -136,6 +135,11 @@ def _rows_of(
         column(1 / max((1 - cos(half_cone)) * lamp.blend, 1e-4) if is_cone else 0.0),
         column(float(lamp.casts_shadow)),
     )
+
+
+def _no_rows(centre: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Make the columns of `LampSamples` for no lamp."""
+    return tuple(column[:0] for column in _rows_of(0, Lamp("sun", np.zeros(3)), 0.0, centre))
 
 
 def _positions(lamp: Lamp, centre: np.ndarray, count: int) -> np.ndarray:

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from ..records.light import Light
 from .indirect_diffuse import Surfels
+from .shadow_maps import Bounds
 
 _MOST = 1024
 _TINY = 1e-12
@@ -75,6 +76,7 @@ LEAST_M = 0.04
 """Of distances that count."""
 _MOST_CUT = 100_000
 _LIFT_M = 0.001  # pieces lie as far before their surface
+_LIFT_PX = 1.5  # of a shadow map, by which points on them are raised
 _CELLS_ACROSS = 1 << 16  # cells of one size lie much nearer to each other than that
 _AT_ONCE = 1 << 14  # pieces whose distances are in memory
 
@@ -224,7 +226,8 @@ def _squared(points: np.ndarray, near: np.ndarray) -> np.ndarray:
 
 MOST_PATCHES = 128
 """If the coarsest cells are more, those that fill most of the hand's view are kept."""
-_MOST_POINTS = 4096
+MOST_POINTS = 4096
+"""Of all patches."""
 # Sides of pieces and cells against their distance from the hand: as fine as gives few.
 _FINENESS = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
 _MOST_NEAR = 64  # vertices of the hand whose nearest stands for it
@@ -245,6 +248,18 @@ class PatchPoints(NamedTuple):
     normal: Tensor
     area_m2: Tensor
     patch: Tensor
+
+    def bounds_with(self, vertices: Float[Tensor, "V 3"]) -> Bounds:
+        """Return a sphere about the points and a hand with these vertices."""
+        return Bounds.around(torch.cat([self.position, vertices]))
+
+    def lifted(self, bounds: Bounds, map_px: int) -> Float[Tensor, "S 3"]:
+        """Raise the points, for shadow maps of this size around bounds: they must not shadow their own surface.
+
+        It would where light grazes.
+        """
+        lift_m = torch.minimum(_LIFT_PX * 2 * bounds.radius / map_px, 0.5 * self.area_m2.sqrt())
+        return self.position + lift_m[:, None] * self.normal
 
     @property
     def surfels(self) -> Surfels:
@@ -320,7 +335,7 @@ def _points_before(light: Light, near: np.ndarray) -> Pieces:
     """Find what a hand with these vertices sees of a light's occluders."""
     triangles = np.asarray(light.occluders, float)
     cut = Pieces.of(triangles, np.asarray(light.occluder_albedo, float), near, _FINENESS[0])
-    points, _ = _gathered(cut, near, _MOST_POINTS)
+    points, _ = _gathered(cut, near, MOST_POINTS)
     return Blockers.of(triangles, near).seen(points)
 
 

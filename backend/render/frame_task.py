@@ -62,6 +62,11 @@ class HandRenderer(Protocol):
         """How many frames of a sequence it renders in less time at once than one by one; 1: it must not."""
         ...
 
+    @property
+    def renders_at_once(self) -> bool:
+        """Whether a GPU renders most of its frames as one, so that smaller ones would hardly take less time."""
+        ...
+
     def posed_surface(self, shot: Shot) -> SurfaceMesh | None:
         """Return the avatar's surface as frames show it; None: frames show the mesh's."""
         ...

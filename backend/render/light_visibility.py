@@ -34,8 +34,6 @@ from ..light.sky_samples import SKY_DIRECTIONS, ShadowedSky, SkySamples
 from ..records.light import Light
 from .primary_hits import LampShadowCaster, LampShadowCasters
 
-# By how much patches lie before their surface in shadow maps: it must not shadow itself where light grazes.
-_PATCH_LIFT_PX = 1.5
 NO_OCCLUDERS = torch.zeros(0, 3, 3)
 
 
@@ -234,11 +232,10 @@ def nearby_geometry_of(
     if len(patches.position) == 0:
         return None
     points, occluders = patches.points, occluding_triangles(light, patches.position.device)
-    bounds = Bounds.around(torch.cat([points.position, hand.mesh.vertices]))
+    bounds = points.bounds_with(hand.mesh.vertices)
 
     def cast(views: ShadowViews, map_px: int) -> PointShadows:
-        lift_m = torch.minimum(_PATCH_LIFT_PX * 2 * bounds.radius / map_px, 0.5 * points.area_m2.sqrt())
-        lifted = points.position + lift_m[:, None] * points.normal
+        lifted = points.lifted(bounds, map_px)
         return backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, lifted, map_px, bounds)
 
     sky, lamps = cast(samples.sky.views(), SKY_MAP_PX), cast(samples.lamps.views(bounds), LAMP_MAP_PX)

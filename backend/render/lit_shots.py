@@ -13,30 +13,34 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
 from ..avatars.avatar import Avatar
-from ..compute.lit_frames import FrameModel, LitFrameRenderer, LitShot
+from ..compute.lit_frames import FrameModel, LitFrameRenderer, LitShot, ShotPixels
 from ..compute.reference import ReferenceBackend
 from ..field.conditions import joint_pose
 from ..field.rays import camera_tensors
 from ..field.relightable import RelightableField
-from ..geometry.mesh import posed_mesh
+from ..geometry.mesh import PosedMesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.topology import Skinning, topology_of
 from ..image.crop import Crop, crop_of
 from ..image.superres import RelightableSuperRes
 from ..light.indirect_diffuse import MOST_SURFELS
+from ..light.lamp_samples import LampSamples
+from ..light.nearby_geometry import Patches
 from ..light.samples import LightSamples
 from ..light.shadow_maps import Bounds
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
+from ..surface.blood import Blanching
 from ..surface.detail_mesh import DetailTemplate
+from ..surface.hair_growth import Hairs
 from .albedo import vertex_albedo
-from .avatar_surface import AvatarSurface, avatar_surface_of
+from .avatar_surface import AvatarSurface, avatar_surface_of, hairs_on
+from .backends import choose_backend
 from .primary_hits import EDGE_M, STANDS_OUT_M
 
 BUCKET_PX = 64
@@ -44,12 +48,27 @@ BUCKET_PX = 64
 LOGGER = logging.getLogger(__name__)
 
 
-def is_short(shot: Shot) -> bool:
-    """Return whether the short road knows all that a shot asks for."""
-    light = shot.light or Light()
-    is_plain = light.measured is None and len(light.occluders) == 0 and light.shadow_quality != "fine"
-    is_bare = shot.hair == 0 and shot.pressed_m is None
-    return is_plain and shot.quality == "final" and is_bare and not shot.camera.is_orthographic
+def reason_for_stages(shot: Shot) -> str | None:
+    """Say what of a shot only stages know, as the end of "it is rendered stage by stage, because"; None: nothing.
+
+    A shot that moves is rendered as one that is kept, which takes no longer here.
+    """
+    if shot.camera.is_orthographic:
+        return "its camera is orthographic"
+    if shot.light is not None and shot.light.measured is not None:
+        return "its light was measured"
+    return None
+
+
+def reason_of_avatar(avatar: Avatar, hand: HandModel) -> str | None:
+    """Say, as `reason_for_stages`, what of an avatar only stages know."""
+    if not isinstance(avatar.field, RelightableField):
+        return "its avatar has its capture's light baked in"
+    if avatar.surface is None:
+        return "its avatar has no surface of its own"
+    if len(hand.v_template) > MOST_SURFELS:
+        return f"its hand has more than {MOST_SURFELS} vertices"
+    return None
 
 
 @dataclass(frozen=True)
@@ -71,8 +90,8 @@ class LitShots:
 
     @classmethod
     def of(cls, avatar: Avatar, hand: HandModel, backend: ReferenceBackend) -> LitShots | None:
-        """Prepare an avatar; None: it has no surface or more vertices than are surfels, or the backend renders none."""
-        if not backend.renders_lit_frames or len(hand.v_template) > MOST_SURFELS:
+        """Prepare an avatar; None: `reason_of_avatar` says why not, or the backend renders no whole frames."""
+        if not backend.renders_lit_frames or reason_of_avatar(avatar, hand) is not None:
             return None
         surface = avatar_surface_of(avatar, torch.device("cpu"))
         return None if surface is None else cls(avatar, hand, surface, backend)
@@ -83,34 +102,43 @@ class LitShots:
             return self._rendered(shot, light)
 
     def _rendered(self, shot: Shot, light: Light) -> Frame | None:
-        model = self._model(shot.pose.side)
-        mesh = posed_mesh(model.topology, torch.as_tensor(np.asarray(shot.vertices), dtype=torch.float32))
+        topology = self._model(shot.pose.side).topology
+        mesh = self._of_host.posed_mesh(topology, torch.as_tensor(np.asarray(shot.vertices), dtype=torch.float32))
         crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, self.avatar.config.superres.scale)
         if crop is None:
             return empty_frame(shot.camera.size_px)
         window_px = crop.width, crop.height
         width, height = (-(-size // BUCKET_PX) * BUCKET_PX for size in window_px)
         crop = replace(crop, width=width, height=height)
-        pose, bounds = shot.pose, Bounds.of(mesh)
-        theta, forearm = (values * self._mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
-        pixels = self._renderer(pose.side).render(
-            LitShot(
-                pose=pose,
-                vertices=mesh.vertices.numpy(),
-                joint_pose=self._joint_pose(pose).numpy(),
-                height_m=1e-3 * self.surface.surface.raised.height_mm(theta, self.surface.veins_mm, forearm),
-                flex=self.surface.bend.flex(theta),
-                camera=camera_tensors(crop.camera_of(shot.camera), "cpu"),
-                window_px=window_px,
-                scale=float(mesh.scale),
-                bounds=bounds,
-                light=LightSamples.of(light, bounds),
-            )
-        )
+        pixels = self._renderer(shot.pose.side).render(self._lit_shot(shot, light, mesh, crop, window_px))
         if pixels is None:
             LOGGER.warning("a GPU's lists hold fewer edges or layers, or its memory is full; stages render this frame")
             return None
         return _frame_of(pixels, crop, shot)
+
+    def _lit_shot(self, shot: Shot, light: Light, mesh: PosedMesh, crop: Crop, window_px: tuple[int, int]) -> LitShot:
+        model, pose, bounds = self._model(shot.pose.side), shot.pose, Bounds.of(mesh)
+        samples, is_fine = LightSamples.of(light, bounds), light.shadow_quality == "fine"
+        theta, forearm = (values * self._mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
+        pressed = None if shot.pressed_m is None else Blanching.of(shot.pressed_m, model.template).both.numpy()
+        return LitShot(
+            pose=pose,
+            vertices=mesh.vertices.numpy(),
+            joint_pose=self._joint_pose(pose).numpy(),
+            height_m=1e-3 * self.surface.surface.raised.height_mm(theta, self.surface.veins_mm, forearm),
+            flex=self.surface.bend.flex(theta),
+            camera=camera_tensors(crop.camera_of(shot.camera), "cpu"),
+            window_px=window_px,
+            scale=float(mesh.scale),
+            bounds=bounds,
+            light=samples,
+            at_surfels=LampSamples.of(light.lamps, bounds) if is_fine else samples.lamps,
+            has_fine_shadows=is_fine,
+            occluders=np.asarray(light.occluders, np.float32),
+            patches=_patches_of(light, mesh.vertices),
+            hairs=round(shot.hair * len(model.hairs.radius_m)) if shot.hair > 0 else 0,
+            pressed=pressed,
+        )
 
     def _joint_pose(self, pose: HandPose) -> Tensor:
         theta = pose.theta * self._mirror_to(self.hand.side, pose.side)
@@ -142,12 +170,23 @@ class LitShots:
             topology=topology_of(model, "cpu", self.hand.side),
             skinning=Skinning.of(self.hand),
             template=DetailTemplate.of(self.surface.surface, model),
-            maps=self.surface.maps,
+            maps=self.surface.maps_of(side),
             albedo=torch.as_tensor(vertex_albedo(self.avatar, self.hand), dtype=torch.float32),
             sampler=config.sampler.at_surface,
             stands_out_m=STANDS_OUT_M,
             edge_m=EDGE_M,
+            grow_hairs=lambda: self._hairs,
+            hair_albedo=self.surface.hair_albedo,
         )
+
+    @cached_property
+    def _of_host(self) -> ReferenceBackend:
+        return choose_backend(torch.device("cpu"))
+
+    @cached_property
+    def _hairs(self) -> Hairs:
+        """Of either hand."""
+        return hairs_on(self.surface, self._model("right").template)
 
     @cached_property
     def _models(self) -> dict[Side, FrameModel]:
@@ -158,9 +197,15 @@ class LitShots:
         return {}
 
 
-def _frame_of(pixels: Float[np.ndarray, "H W 5"], crop: Crop, shot: Shot) -> Frame:
+def _patches_of(light: Light, vertices: Tensor) -> Patches | None:
+    """Find what near a hand reflects light; None: nothing does."""
+    patches = Patches.around(light, vertices)
+    return patches if len(patches.position) else None
+
+
+def _frame_of(pixels: ShotPixels, crop: Crop, shot: Shot) -> Frame:
     """Paste a crop's pixels into a frame of the whole image."""
     frame = replace(empty_frame(shot.camera.size_px), is_lit=shot.light is not None)
-    for values, image in ((pixels[..., :3], frame.rgb), (pixels[..., 3], frame.alpha), (pixels[..., 4], frame.depth)):
+    for values, image in zip(pixels, (frame.rgb, frame.alpha, frame.depth), strict=True):
         crop.paste(values, image)
     return frame

@@ -72,6 +72,11 @@ class Pipeline:
     precision: Precision
     backend: ReferenceBackend
 
+    @property
+    def renders_at_once(self) -> bool:
+        """As in `HandRenderer`."""
+        return False
+
     def posed(self, shot: Shot) -> PosedShot | None:
         """Pose the shot's mesh and find its crop; None if nothing of it is in view."""
         with self.backend.threads_of_frame(0):  # a mesh is small

@@ -59,7 +59,7 @@ from .albedo import vertex_albedo
 from .avatar_surface import avatar_surface_of
 from .gbuffer import DecodedRays, GBuffer, RelightableNetworks, SurfaceLayer
 from .light_visibility import NO_OCCLUDERS, LightVisibility, light_visibility, sky_shadows
-from .lit_shots import LitShots, is_short
+from .lit_shots import LitShots, reason_for_stages
 from .measured_light import AtRays, measured_at
 from .pipeline import Pipeline, PosedShot
 from .posed_surface import SurfaceInView, SurfacePoser
@@ -87,9 +87,9 @@ class RelightablePipeline(Pipeline):
 
     def render(self, shot: Shot, progress: RenderProgress) -> Frame:
         """Render a frame; raises what `Renderer.render` raises."""
-        if self._shots is not None and is_short(shot):
+        if self.renders_at_once:
             progress.begin("pose")
-            frame = self._shots.render(shot, self.light_of(shot))
+            frame = self.at_once(shot)
             if frame is not None:
                 return frame
         gbuffer = self.gbuffer_of(shot, progress)
@@ -97,6 +97,22 @@ class RelightablePipeline(Pipeline):
             return empty_frame(shot.camera.size_px)
         with self.backend.threads_of_frame(gbuffer.crop.pixels):
             return replace(self.developed(gbuffer, self.lit(gbuffer, shot)), is_lit=shot.light is not None)
+
+    @property
+    def renders_at_once(self) -> bool:
+        """As in `HandRenderer`."""
+        return self._shots is not None
+
+    def at_once(self, shot: Shot) -> Frame | None:
+        """Render a frame as one; None: stages must render it, as `reason_for_stages` says or a warning.
+
+        Raises:
+            LiveHandError: the shot's mesh is not of this hand model.
+        """
+        if self._shots is None or reason_for_stages(shot) is not None:
+            return None
+        self.topology_of(shot)
+        return self._shots.render(shot, self.light_of(shot))
 
     def gbuffer_of(self, shot: Shot, progress: RenderProgress) -> GBuffer | None:
         """Return this thread's last G-buffer if it shows the shot, else render it; None: no hand is in the picture."""

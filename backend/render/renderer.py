@@ -118,6 +118,11 @@ class Renderer:
         """As in `HandRenderer`: any number of threads may render."""
         return self._backend.frames_at_once
 
+    @property
+    def renders_at_once(self) -> bool:
+        """As in `HandRenderer`."""
+        return self.pipeline.renders_at_once
+
     @cached_property
     def torch_device(self) -> torch.device:
         """The device in use."""

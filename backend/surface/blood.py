@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from ..field.rays import CameraTensors
@@ -47,6 +48,11 @@ class Blanching(NamedTuple):
             both = level(both)
         return cls(_share_left(both[:, 0]), both[:, 1].clamp(0, _MOST_LEAVES))
 
+    @property
+    def both(self) -> Float[Tensor, "N 2"]:
+        """Both side by side."""
+        return torch.stack([self.bloodless, self.under_nails], 1)
+
     def paled(
         self, image: ShadingInputs, visible: PixelSurface, mesh: DetailMesh, camera: CameraTensors
     ) -> ShadingInputs:
@@ -59,7 +65,7 @@ class Blanching(NamedTuple):
             camera: of the image.
         """
         face = visible.face[image.pixel].long()
-        both = torch.stack([self.bloodless, self.under_nails], 1)
+        both = self.both
         is_pressed = (both > _LEAST).any(1)[mesh.faces].any(1)
         row = ((face >= 0) & is_pressed[face.clamp(min=0)]).nonzero()[:, 0]
         weights = barycentric(mesh, camera, face[row], image.pixel[row])

@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import blf
 import bpy
-import gpu
 from gpu_extras.batch import batch_for_shader
+
+import gpu
 
 from ...backend.avatars.library import PERSONS, SKINS, shipped_skin
 from ...backend.records.errors import LiveHandError
@@ -70,6 +71,7 @@ class Viewport:
         self._texture: ImageTexture | None = None
         self.has_image = False
         self.has_failed = False
+        self._is_at_once = False  # the newest image was rendered as what moves is, and needs no other
         self._is_empty = False  # the newest image shows no hand
         self._is_stale = True  # the scene has changed since it was read
         self._visible: tuple[VisibleHand, ...] | None = None  # of the changed scene, from its update to its reading
@@ -165,17 +167,23 @@ class Viewport:
         self._submitted = request, scale, is_playing
         moving_px = self._pace.side_px
         moving_scale = min(scale, moving_px / max(request.camera.size_px))
-        moving = ViewportStep(request, self._shared.session, moving_scale, moving_px)
+        at_once = scale if self._pace.keeps_whole else None
+        moving = ViewportStep(request, self._shared.session, moving_scale, moving_px, at_once)
         still = ViewportStep(request, self._shared.session, scale)
-        self._shared.preview.submit(self, [moving] if is_playing else [moving, still])
+        is_alone = is_playing or (self._is_at_once and at_once is not None)
+        self._shared.preview.submit(self, [moving] if is_alone else [moving, still])
         self._shared.timer.watch(self, engine)
 
     def _receive(self) -> None:
         outcome = self._shared.preview.pop_outcome(self)
         if outcome is not None:
             step = outcome.step
-            if isinstance(step, ViewportStep) and step.moving_px is not None and outcome.value is not None:
-                self._pace.record(step.moving_px, outcome.seconds)
+            if isinstance(step, ViewportStep) and outcome.value is not None:
+                self._is_at_once = outcome.value.is_at_once
+                if self._is_at_once:
+                    self._pace.record_whole(outcome.seconds)
+                elif step.moving_px is not None:
+                    self._pace.record(step.moving_px, outcome.seconds)
             self._has_error = outcome.error is not None
             self._message = _message_of(outcome.error) if outcome.error else ""
             self._texture = ImageTexture(outcome.value) if outcome.value else None
@@ -225,11 +233,21 @@ class Pace:
         self._wanted_s = wanted_s
         self._side_px = _FIRST_PX
         self._seconds: deque[float] = deque(maxlen=_MOST)
+        self._seconds_whole: deque[float] = deque(maxlen=_MOST)
+
+    @property
+    def keeps_whole(self) -> bool:
+        """Whether pictures of the full size that are rendered at once have taken no longer than wanted."""
+        return len(self._seconds_whole) < _FEWEST or median(self._seconds_whole) <= self._wanted_s
 
     @property
     def side_px(self) -> int:
         """The longer side of the next picture."""
         return self._side_px
+
+    def record_whole(self, seconds: float) -> None:
+        """Take note of the time of a picture of the full size that was rendered at once."""
+        self._seconds_whole.append(seconds)
 
     def record(self, side_px: int, seconds: float) -> None:
         """Take note of the time of a picture of this longer side; one of an earlier choice does not count."""

@@ -11,7 +11,7 @@ import numpy as np
 from ...backend.image.grade import Grade
 from ...backend.records.camera import Camera
 from ...backend.records.shot import HandPose, Quality, Shot
-from ...backend.render.frame_task import HandTask
+from ...backend.render.frame_task import HandRenderer, HandTask
 from ...backend.render.session import Device, Session
 from ..hands.shot import hand_hair, hand_pose, hand_pressed_m, hand_vertices, hand_wrist_fade_m
 from ..hands.visible_hands import InstanceId, VisibleHand
@@ -39,9 +39,13 @@ class ViewportHand:
     hair: float = 0.0
     pressed_m: np.ndarray | None = None
 
+    def renderer(self, session: Session) -> HandRenderer:
+        """Load its avatar; raises as `load_for`."""
+        return load_for(self.name, self.source, session, self.device)
+
     def task(self, session: Session, camera: Camera, quality: Quality = "final") -> HandTask:
         """Make the task of rendering the hand; loads its avatar, and raises as `load_for`."""
-        renderer = load_for(self.name, self.source, session, self.device)
+        renderer = self.renderer(session)
         light = self.light.light() if self.light and renderer.is_relightable else None
         if light is not None:
             light = replace(light, shadow_quality="none" if quality == "preview" else "fine")

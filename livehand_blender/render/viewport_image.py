@@ -31,10 +31,12 @@ class ViewportImage(NamedTuple):
     Attributes:
         rgba: [h, w, 4] float32, bottom row first, in the scene's working space, premultiplied.
         box: its left, top, right and bottom edges in the view's rectangle, px from the upper left.
+        is_at_once: whether it is final, and its hands' frames were rendered at once.
     """
 
     rgba: np.ndarray
     box: tuple[float, float, float, float]
+    is_at_once: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,17 +56,30 @@ class ViewportRequest:
     foreground: tuple[Solid, ...] = ()
 
     def render(
-        self, session: Session, scale: float, should_stop: Callable[[], bool], quality: Quality = "final"
+        self,
+        session: Session,
+        scale: float,
+        should_stop: Callable[[], bool],
+        quality: Quality = "final",
+        scale_at_once: float | None = None,
     ) -> ViewportImage | None:
-        """Render the image at `scale` times the view's resolution; None if no hand is in view.
+        """Render the image; None if no hand is in view.
 
-        `quality` as in `Shot`: penumbras of a preview have no steps, those of a final image fine ones.
+        Args:
+            session: of the avatars.
+            scale: of the image, times the view's resolution.
+            should_stop: as `Renderer.render` takes it.
+            quality: as in `Shot`: penumbras of a preview have no steps, those of a final image fine ones.
+            scale_at_once: of a final image in its place, if all hands' frames are rendered at once; None: never.
 
         Raises:
             LiveHandError: a hand cannot be rendered.
         """
-        camera = self.camera.scaled(scale)
         with session.rendering:
+            is_at_once = all(hand.renderer(session).renders_at_once for hand in self.hands)
+            if scale_at_once is not None and is_at_once:
+                scale, quality = scale_at_once, "final"
+            camera = self.camera.scaled(scale)
             tasks = [hand.task(session, camera, quality) for hand in self.hands]
             with thread_limit(_THREADS):
                 frames = [task.run(should_stop) for task in tasks]
@@ -75,7 +90,8 @@ class ViewportRequest:
 
         triangles = foreground_triangles(self.foreground, camera, [hand.vertices for hand in self.hands])
         depth = scene_depth(triangles, camera) if len(triangles) else None
-        return viewport_image(joined(visible_parts(graded_frames, depth)), scale, self.to_working_space)
+        image = viewport_image(joined(visible_parts(graded_frames, depth)), scale, self.to_working_space)
+        return None if image is None else image._replace(is_at_once=is_at_once and quality == "final")
 
 
 def viewport_image(frame: Frame, scale: float, to_working_space: np.ndarray) -> ViewportImage | None:
@@ -100,15 +116,16 @@ class ViewportStep:
         scale: of the image, times the view's resolution.
         moving_px: the longer side that the view's pace chose for an image of what moves, of which the scale came; None:
             the image is of what rests, with fine penumbras.
+        scale_at_once: of an image of what moves, where it is rendered as one that rests; None: it is not.
     """
 
     request: ViewportRequest
     session: Session
     scale: float
     moving_px: int | None = None
+    scale_at_once: float | None = None
 
     def __call__(self, should_stop: Callable[[], bool]) -> ViewportImage | None:
         """Render the image, as `ViewportRequest.render`."""
-        return self.request.render(
-            self.session, self.scale, should_stop, "final" if self.moving_px is None else "preview"
-        )
+        quality: Quality = "final" if self.moving_px is None else "preview"
+        return self.request.render(self.session, self.scale, should_stop, quality, self.scale_at_once)

@@ -18,6 +18,7 @@ class FakeRenderer:
     is_relightable = False
     mean_albedo = None
     frames_at_once = 1
+    renders_at_once = False
 
     def __init__(self, avatar_path=None, hand=None, device=None):
         self.avatar_path, self.hand, self.device = avatar_path, hand, device

@@ -100,7 +100,8 @@ def lit_hand(light):
         return even_frame(strength * (2 if shot.light.measured else 1))
 
     camera = Camera(np.eye(3), np.eye(4), (2, 2))
-    facts = {"hand": load_default_hand(), "is_relightable": True, "mean_albedo": None, "frames_at_once": 1}
+    facts = {"hand": load_default_hand(), "is_relightable": True, "mean_albedo": None}
+    facts |= {"frames_at_once": 1, "renders_at_once": False}
     avatar = SimpleNamespace(name="even", provenance={})
     renderer = SimpleNamespace(render=render, posed_surface=lambda shot: None, avatar=avatar, **facts)
     return HandTask(renderer, Shot(HandPose.rest(), np.zeros((1, 3)), camera, light))

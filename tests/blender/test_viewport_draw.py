@@ -293,6 +293,38 @@ def test_a_coarse_image_comes_before_the_full_one(drawn, wide, shared, fake_sess
     assert sizes_px(fake_session) == [(256, 192), (1024, 768)]
 
 
+def test_a_renderer_of_whole_frames_gives_a_final_image_of_the_full_size_for_every_change(
+    drawn, wide, shared, fake_session, fake_renderer, monkeypatch
+):
+    monkeypatch.setattr(fake_renderer, "renders_at_once", True)
+    viewport, engine, hand = Viewport(shared), Engine(), find_hands(wide.scene)[0]
+    drawn(lambda: show(viewport, engine, wide, shared))
+    assert set(sizes_px(fake_session)) == {(1024, 768)}
+    before = len(sizes_px(fake_session))
+    for number, is_playing in ((1, False), (2, True)):
+        hand.location.x += 0.01
+        wide.screen.is_animation_playing = is_playing
+        drawn(lambda: show(viewport, engine, wide, shared))
+        assert sizes_px(fake_session)[before:] == [(1024, 768)] * number
+    assert {shot.quality for shot in fake_session.made[0].shots} == {"final"}
+
+
+def test_whole_frames_that_do_not_keep_pace_are_coarse_while_something_moves(
+    drawn, wide, shared, fake_session, fake_renderer, monkeypatch
+):
+    monkeypatch.setattr(fake_renderer, "renders_at_once", True)
+    viewport, engine, hand = Viewport(shared), Engine(), find_hands(wide.scene)[0]
+    viewport._pace = Pace(wanted_s=1e-9)
+    wide.screen.is_animation_playing = True
+    for _ in range(4):
+        hand.location.x += 0.01
+        drawn(lambda: show(viewport, engine, wide, shared))
+    assert sizes_px(fake_session) == [(1024, 768)] * 3 + [(256, 192)]
+    wide.screen.is_animation_playing = False
+    drawn(lambda: show(viewport, engine, wide, shared))
+    assert sizes_px(fake_session)[4:] == [(256, 192), (1024, 768)]
+
+
 def test_while_an_animation_plays_only_coarse_images_are_rendered(drawn, wide, shared, fake_session):
     wide.screen.is_animation_playing = True
     viewport, engine = Viewport(shared), Engine()

@@ -3,12 +3,14 @@
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.avatars.file import load_avatar
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.frame import empty_frame
+from livehand.backend.render.renderer import Renderer
 from livehand.backend.render.session import Session
 from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.render.viewport_hand import read_viewport_hands
-from livehand.livehand_blender.render.viewport_image import ViewportRequest, viewport_image
+from livehand.livehand_blender.render.viewport_image import ViewportRequest, ViewportStep, viewport_image
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
 
@@ -55,6 +57,28 @@ def test_a_coarse_image_lies_where_the_full_one_does(hand_scene, hands, fake_ren
     assert coarse.box == pytest.approx(full.box, abs=4)
     assert coarse.rgba.mean((0, 1)) == pytest.approx(full.rgba.mean((0, 1)), abs=0.02)
     assert coarse.rgba[0].mean(0) == pytest.approx(full.rgba[:4].mean((0, 1)), abs=0.05)
+
+
+@pytest.mark.slow
+def test_whole_frames_are_shown_at_full_size_as_the_cpu_shows_what_rests(hand_scene, hands):
+    """Warp's CPU device in place of a GPU."""
+    backend = pytest.importorskip("livehand.backend.compute.gpu.backend").WarpBackend("cpu")
+    hand_scene.render.resolution_x, hand_scene.render.resolution_y = 96, 128
+    camera = read_camera(hand_scene.camera, hand_scene.render)
+    request = ViewportRequest(hands, camera, np.eye(3, dtype=np.float32))
+    at_once, on_cpu = (
+        Session(lambda path, hand, device, kind=kind: Renderer(load_avatar(path), hand, "cpu", "fp32", kind))
+        for kind in (backend, None)
+    )
+    moving = ViewportStep(request, at_once, 0.25, 32, 1.0)(lambda: False)
+    rests = ViewportStep(request, on_cpu, 1.0)(lambda: False)
+    assert moving.is_at_once
+    assert not rests.is_at_once
+    assert moving.box == rests.box
+    assert (np.abs(moving.rgba - rests.rgba) > 4e-3 * max(1, rests.rgba.max())).mean() < 0.02
+    coarse = ViewportStep(request, on_cpu, 0.25, 32, 1.0)(lambda: False)
+    assert not coarse.is_at_once
+    assert len(coarse.rgba) < len(rests.rgba) / 2
 
 
 def test_two_hands_are_in_one_image(hand_scene, hands, fake_renderer):

@@ -1,7 +1,9 @@
 """What `livehand warm-up` renders and says. That kernels stay on disk is tested with their cache."""
 
 import json
+import sys
 
+import pytest
 from livehand.backend.commands import warm_up
 from livehand.backend.render import backends
 from livehand.backend.render.renderer import Renderer
@@ -35,3 +37,26 @@ def test_without_numba_it_says_that_there_is_nothing_to_do(monkeypatch, capsys):
     monkeypatch.setattr(backends, "has_numba", lambda: False)
     assert run_commands("livehand", "", COMMANDS, ["warm-up"]) == 0
     assert "numba is not installed" in capsys.readouterr().out
+
+
+def test_chips_that_are_no_compute_capabilities_are_refused_in_words(capsys):
+    assert run_commands("livehand", "", COMMANDS, ["warm-up", "--gpu", "ampere"]) == 2
+    assert "such as 8.6,8.9, got 'ampere'" in capsys.readouterr().err
+
+
+def test_kernels_of_gpus_without_warp_name_the_extra(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "warp", None)
+    assert run_commands("livehand", "", COMMANDS, ["warm-up", "--gpu", "8.6"]) == 1
+    assert "livehand[gpu]" in capsys.readouterr().err
+
+
+def test_kernels_of_gpus_are_compiled_for_the_chips_that_are_named(monkeypatch, capsys, tmp_path):
+    ahead = pytest.importorskip("livehand.backend.compute.gpu.ahead")
+    asked, file = [], tmp_path / "one.cubin"
+    file.write_bytes(b"12345")
+    done = ahead.CompiledKernels(tmp_path, (file,), 3.21)
+    monkeypatch.setattr(ahead, "compile_kernels", lambda chips: asked.append(chips) or done)
+    assert run_commands("livehand", "", COMMANDS, ["warm-up", "--gpu", "8.6,12.0", "--json"]) == 0
+    assert asked == [(86, 120)]
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (said["bytes"], said["seconds"], said["folder"]) == (5, 3.2, str(tmp_path))

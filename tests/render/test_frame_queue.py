@@ -22,6 +22,7 @@ class Recorder:
     avatar = hand = None
     is_relightable = False
     mean_albedo = None
+    renders_at_once = False
 
     def __init__(self, frames_at_once=1):
         self.frames_at_once = frames_at_once

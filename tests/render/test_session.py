@@ -19,6 +19,7 @@ class RecordedRenderer:
     is_relightable = False
     mean_albedo = None
     frames_at_once = 1
+    renders_at_once = False
 
     def __init__(self, avatar_path, hand, device):
         self.avatar_path, self.hand, self.device = avatar_path, hand, device

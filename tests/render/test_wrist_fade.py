@@ -152,6 +152,7 @@ def test_without_a_fade_the_frame_is_the_same_and_a_task_fades_it_otherwise(hand
 
     class Still:
         avatar, is_relightable, mean_albedo, frames_at_once = None, False, None, 1
+        renders_at_once = False
 
         def __init__(self):
             self.hand = hand

@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...backend.commands.warm_up import chips
 from ...backend.records.errors import LiveHandError
 from .check import faults_of
 from .targets import TARGETS, Target
@@ -32,6 +33,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = Path(__file__).with_name("page.html")
 MANIFEST = "blender_manifest.toml"
 INDEX_FILE = "package_index.txt"
+GPU_ROOM = Path("backend/compute/gpu")
 _BUILD_SECONDS = 900
 
 
@@ -43,6 +45,7 @@ class Release:
         tool: the command of Blender's extension tool.
         out: folder of what is made.
         website: of the extension, for its manifest; empty: none.
+        gpu_chips: for which kernels are compiled ahead, by Warp; as `COMMON_CHIPS` in `compute.gpu.ahead`.
         zips_url, page_url: where zips and repository will lie, if not in one place; empty: they do.
         cpu_index: address of PyTorch's index for CPUs; empty: pip's own has those.
         pip_options: more of pip's.
@@ -55,6 +58,7 @@ class Release:
     pip_options: tuple[str, ...] = ()
     zips_url: str = ""
     page_url: str = ""
+    gpu_chips: tuple[int, ...] = ()
 
 
 def blender_tool(blender: str | None) -> tuple[str, ...]:
@@ -125,6 +129,11 @@ def build_slim(release: Release, temporary: Path) -> Path:
     stage = temporary / "slim"
     unpack(built, stage)
     edit_manifest(stage / MANIFEST, with_website(release.website))
+    if release.gpu_chips:
+        from ...backend.compute.gpu.ahead import SHIPPED, compile_kernels
+
+        done = compile_kernels(release.gpu_chips, stage / GPU_ROOM / SHIPPED.name)
+        say(f"kernels of GPUs: {done.size_bytes / 1e6:.1f} MB before the zip, {done.seconds:.0f} s")
     if release.cpu_index:
         (stage / INDEX_FILE).write_text(f"{release.cpu_index}\n", encoding="utf-8")
     path = release.out / f"{built.stem}-slim.zip"
@@ -225,6 +234,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--cpu-torch", default="", metavar="ADDRESS", help="PyTorch's index of torch for CPUs")
     parser.add_argument("--zips-url", default="", help="where the zips will lie, if not beside the page")
     parser.add_argument("--page-url", default="", help="where the page will lie then")
+    parser.add_argument("--gpu", type=chips, default=(), metavar="CHIPS", help="as of livehand warm-up; needs Warp")
     parser.add_argument("--only", nargs="*", metavar="TARGET", help=f"of {', '.join(one.name for one in TARGETS)}")
     parser.add_argument("--pip", action="append", default=[], metavar="OPTION", help="for pip, as --pip=--no-index")
     args = parser.parse_args(arguments)
@@ -233,7 +243,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     shutil.rmtree(args.out / "repository", ignore_errors=True)
     where = (args.zips_url, args.page_url)
     try:
-        release = Release(blender_tool(args.blender), args.out, args.website, args.cpu_torch, tuple(args.pip), *where)
+        options = args.website, args.cpu_torch, tuple(args.pip), *where, args.gpu
+        release = Release(blender_tool(args.blender), args.out, *options)
         missing = build_release(release, targets)
     except LiveHandError as error:
         missing = [str(error)]

@@ -11,6 +11,7 @@ import warp as wp
 
 from ...records.errors import LiveHandError
 from ..lit_frames import FrameModel
+from .ahead import use_shipped
 from .field_stages import FieldStages
 from .image_stages import ImageStages
 from .kernels.compiled import launch
@@ -52,6 +53,7 @@ def check_gpu() -> None:
     chip, oldest = wp.get_cuda_device().arch, min(wp.get_cuda_supported_archs())
     if chip < oldest:
         raise LiveHandError(f"the GPU must be of compute capability {oldest / 10} or later, got {chip / 10}")
+    use_shipped()
     check_values(torch.device("cuda"))
 
 

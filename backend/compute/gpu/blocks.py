@@ -84,6 +84,15 @@ def columns_of(rows: wp.array, first: int, kind: Any, shape: tuple[int, ...]) ->
     )
 
 
+def part_of_rows(array: wp.array, first: int, count: int) -> wp.array:
+    """Return rows of an array from `first` on, without a copy."""
+    strides = array.strides
+    assert strides is not None
+    shape, steps = (count, *array.shape[1:]), tuple(int(one or 0) for one in strides)
+    at = address_of(array) + first * stride_of(array)
+    return wp.array(ptr=at, dtype=array.dtype, shape=shape, strides=steps, device=array.device)
+
+
 def part_of(array: wp.array, first: int, count: int) -> wp.array:
     """Return elements of an array [N] from `first` on, without a copy."""
     at = address_of(array) + first * stride_of(array)

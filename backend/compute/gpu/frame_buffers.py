@@ -8,18 +8,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import warp as wp
+from torch import Tensor
 
 from ...surface.detail_mesh import SAMPLES
 from ..lit_frames import FrameModel
 from .blocks import DeviceBlock, HostBlock, Layout
-from .frame_model import DeviceModel, precision_on
-from .frame_parameters import FrameShape, parameter_layout
+from .frame_model import DeviceModel, device_array, precision_on
+from .frame_parameters import parameter_layout
+from .frame_shape import FrameShape
 from .kernels.compiled import INFINITE_BITS
-from .kernels.tiles import ROWS
+from .kernels.tiles import ROWS, THREADS
 
-OUT_CHANNELS = 5
-_THREADS_OF_TILE = 128
+_PIXELS = {"rgb": wp.vec3, "pixel_alpha": wp.float32, "pixel_depth": wp.float32}
 RAYS, COVERED, EDGES = range(3)
 """Counters of what is listed."""
 
@@ -47,7 +49,7 @@ class Sequence:
     def add_tiles(self, kernel: Any, dim: tuple[int, ...], *arguments: Any) -> None:
         """Add a launch of a kernel of tiles."""
         given = {"inputs": list(arguments), "device": self.device, "record_cmd": True}
-        self._append(kernel, wp.launch_tiled(kernel, dim, block_dim=_THREADS_OF_TILE, **given), arguments)
+        self._append(kernel, wp.launch_tiled(kernel, dim, block_dim=THREADS, **given), arguments)
 
     def fill(self, words: wp.array, value: int) -> None:
         """Add the filling of an array with a number; zero, and -1, cost least."""
@@ -93,6 +95,7 @@ class FrameBuffers:
         capacity: crossings of the inflated mesh that a ray's list holds.
         host: parameters, to be filled.
         answer: pixels and what overflowed, to be read.
+        filled: the names of what was made by `new`.
     """
 
     def __init__(self, on_device: DeviceModel, shape: FrameShape, capacity: int) -> None:
@@ -103,7 +106,7 @@ class FrameBuffers:
         parameters, answer = parameter_layout(model, shape), _answer_layout(shape)
         block, pixels = DeviceBlock(parameters, device), DeviceBlock(answer, device)
         self.host, self.answer = HostBlock(block, parameters), HostBlock(pixels, answer)
-        self._new = dict[str, wp.array]()
+        self.filled, self._named = list[str](), dict[str, wp.array]()
         self._cleared = [
             (DeviceBlock(layout, device), layout, value)
             for layout, value in (
@@ -119,20 +122,25 @@ class FrameBuffers:
         for block, layout in self._blocks:
             if name in layout:
                 return block[name]
-        return self._new[name] if name in self._new else self._tables[name]
+        return self._named[name] if name in self._named else self._tables[name]
 
     def of(self, *names: str) -> tuple[wp.array, ...]:
         """Return several, in order."""
         return tuple(self[name] for name in names)
 
     def new(self, name: str, kind: Any, *shape: int) -> wp.array:
-        """Make an array that every frame fills before it is read."""
-        self._new[name] = wp.zeros(shape, dtype=kind, device=self.device)
-        return self._new[name]
+        """Make an array that every frame fills before it is read; no table or parameter may have its name."""
+        assert not any(name in known for known in (self._tables, *(layout for _, layout in self._blocks))), name
+        self.filled.append(name)
+        return self.named(name, wp.zeros(shape, dtype=kind, device=self.device))
+
+    def constant(self, name: str, values: Tensor | np.ndarray, kind: Any) -> wp.array:
+        """Copy an array that no frame changes."""
+        return self.named(name, device_array(values, kind, self.device))
 
     def named(self, name: str, array: wp.array) -> wp.array:
         """Give a name to an array, such as a part of another."""
-        self._new[name] = array
+        self._named[name] = array
         return array
 
     def add(self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any) -> None:
@@ -164,7 +172,8 @@ class FrameBuffers:
 
 
 def _answer_layout(shape: FrameShape) -> Layout:
-    return {"pixels": (wp.float32, (4 * shape.rays, OUT_CHANNELS)), "overflow": (wp.int32, (1,))}
+    of_pixels = {name: (kind, (4 * shape.rays,)) for name, kind in _PIXELS.items()}
+    return {**of_pixels, "overflow": (wp.int32, (1,))}
 
 
 def _of_zeros(model: FrameModel, shape: FrameShape, half: Any) -> Layout:
@@ -181,6 +190,8 @@ def _of_zeros(model: FrameModel, shape: FrameShape, half: Any) -> Layout:
         "values": (wp.float32, (4 * shape.rays, 18)),
         "alphas": (wp.float32, (4 * shape.rays,)),
         "colours": (wp.vec3, (4 * shape.rays,)),
+        "longest_bits": (wp.int32, (1,)),
+        "hair_sums": (wp.int64, (4 * shape.rays if shape.has_hairs else 0, 4)),
         "maps34": (wp.float32, (shape.rays, maps)),
         "padded": (half, (rows, 64)),
     }
@@ -205,4 +216,5 @@ def _of_infinity(shape: FrameShape) -> Layout:
         "shadow_maps": (wp.int32, (shape.map_cells,)),
         "bounds": (wp.int32, (shape.views, 4)),
         "depth_of_rays": (wp.float32, (shape.rays,)),
+        "hair_depth_bits": (wp.int32, (4 * shape.rays if shape.has_hairs else 0,)),
     }

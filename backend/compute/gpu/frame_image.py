@@ -6,12 +6,13 @@ import numpy as np
 import warp as wp
 
 from ...light.lighting import COEFFICIENTS, RELIGHTABLE_FEATURES
+from ...surface.hairs import SEGMENTS
 from .blocks import part_of, stride_of
 from .frame_buffers import COVERED, EDGES, FrameBuffers
 from .frame_light import add_products
-from .frame_model import device_array
 from .kernels.detail import add_skin
 from .kernels.edges import develop_pixels, edge_shares, list_edges, mark_pixels, sample_faces, spread_coverage
+from .kernels.hairs import draw_hairs, pose_hairs
 from .kernels.hits import list_covered, paint_maps
 from .kernels.pixels import enlarge_pixels, ray_shares, smooth_pixels, step_normals
 from .kernels.relight import relit_pixels
@@ -58,11 +59,11 @@ def add_superres(frame: FrameBuffers) -> None:
     stride, rows = width + 2, frame.image_rows
     inside = np.zeros((rows, 1), np.float32)
     inside[: (height + 2) * stride].reshape(height + 2, stride)[1:-1, 1:-1] = 1
-    frame.named("inside", device_array(inside, wp.float32, frame.device))
+    frame.constant("inside", inside, wp.float32)
     shifts = np.array([(tap // 3 - 1) * stride + tap % 3 - 1 for tap in range(9)], np.int32)
-    frame.named("nine_taps", device_array(shifts, wp.int32, frame.device))
+    frame.constant("nine_taps", shifts, wp.int32)
     first, last = stride + 1, (height + 1) * stride - 1
-    frame.named("last_row", device_array(np.array([last], np.int32), wp.int32, frame.device))
+    frame.constant("last_row", np.array([last], np.int32), wp.int32)
     images = [frame.new(f"image{number}", frame.half, rows, 64) for number in range(2)]
     tail = frame.new("tail", wp.float32, rows, 64)
     tiles, values, layers = -(-(last - first) // int(ROWS)), frame["padded"], frame.networks.superres
@@ -105,7 +106,7 @@ def _add_skin(frame: FrameBuffers, most: int) -> None:
     seen = "seen_face", "seen_m", "coverage", "full_view"
     surface = "fine", "fine_normals", "fine_faces", "fine_uv", "fine_flex"
     tables = "maps", "maps_first", maps.resolution, "ratio", "ratio_first", resolution
-    of_pixels = "skin_constants", "pigment_colour", "covered", "view_of_pixel"
+    of_pixels = "skin_constants", "pigment_colour", "pressed", "covered", "view_of_pixel"
     written = "coefficients", "bump_normal", "surface_normal", "blurred_normal", "alpha_squared", "nail", "alphas"
     frame.add(add_skin, most, "covered_count", *seen, *surface, *tables, *of_pixels, *written)
 
@@ -118,4 +119,47 @@ def add_colours(frame: FrameBuffers) -> None:
     skin = "nail", "sharpness", "radiance", "lobes"
     frame.add(relit_pixels, most, "covered_count", "covered", "coefficients", *normals, *lit, *skin, "colours")
     edges = "slot", frame.shape.edges, "shows_first", "edge_share"
-    frame.add(develop_pixels, most, "colours", "alphas", "seen_m", 2 * width, *edges, "pixels")
+    if frame.shape.has_hairs:
+        _add_hairs(frame)
+    hairs = "hair_sums", "hair_depth_bits", "hair_unit"
+    frame.add(
+        develop_pixels,
+        most,
+        "colours",
+        "alphas",
+        "seen_m",
+        2 * width,
+        *edges,
+        *hairs,
+        "rgb",
+        "pixel_alpha",
+        "pixel_depth",
+    )
+
+
+def _add_hairs(frame: FrameBuffers) -> None:
+    """Add what hairs cover of pixels, and their colours there."""
+    hairs, width = frame.model.hairs, frame.shape.size_px[0]
+    count = len(hairs.radius_m)
+    tables = {
+        "hair_corners": (hairs.corners, wp.int64),
+        "hair_weights": (hairs.weights, wp.vec3),
+        "hair_rise": (hairs.rise, wp.vec3),
+        "hair_bend": (hairs.bend, wp.vec3),
+        "hair_radius_m": (hairs.radius_m, wp.float32),
+        "hair_albedo": (np.array(frame.model.hair_albedo), wp.float32),
+    }
+    for name, (values, kind) in tables.items():
+        frame.constant(name, values, kind)
+    for name in ("hair_points", "hair_placed"):
+        frame.new(name, wp.vec3, count, SEGMENTS + 1)
+    frame.new("hair_normal", wp.vec3, count)
+    frame.new("hair_ray", wp.int32, count)
+    grown = "hair_corners", "hair_weights", "hair_rise", "hair_bend", "fine", "fine_normals", "scale"
+    seen = "full_K", "world2cam", "window", width, "row", "seen_m"
+    posed = "hair_points", "hair_placed", "hair_normal"
+    frame.add(pose_hairs, count, "hair_count", *grown, *seen, *posed, "hair_ray", "longest_bits")
+    of_view = "units", "full_view", "window", width, "seen_m"
+    of_light = "smooth_light", "lamp_rgb", "hair_albedo", "hair_unit"
+    drawn = *posed, "hair_radius_m", "hair_ray", "longest_bits", *of_view, *of_light
+    frame.add(draw_hairs, (count, SEGMENTS), "hair_count", *drawn, "hair_sums", "hair_depth_bits")

@@ -155,7 +155,7 @@ def tables_of(model: FrameModel, device: str) -> dict[str, Any]:
         "rest_normals": (template.normals, wp.vec3),
         "bone_of_face": (template.bones.of_face, wp.int8),
         "apart": (template.bones.apart, wp.bool),
-        "casting_faces": (torch.cat([topology.faces, coarse + vertices]), wp.int64),
+        "casting_faces": (torch.cat([topology.faces, coarse + vertices, template.faces + vertices]), wp.int64),
         "maps": (maps.table, wp.int8),
         "maps_first": (np.array([first for first, _ in maps.levels], np.int64), wp.int64),
         "pigment_colour": (np.array(maps.pigment_colour, np.float32), wp.float32),

@@ -5,7 +5,6 @@ Nothing of it is an argument of a launch, for a recorded sequence keeps those.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,82 +16,37 @@ from ...field.rays import CameraTensors
 from ...field.sampler import BEFORE_M, BEHIND_M, LEAST_REACH_M
 from ...image.edge_avoiding_filter import OFF_PLANE_M
 from ...light.prefiltered_environment import SIDE, WIDTHS
-from ...light.samples import LightSamples
-from ...light.shadow_maps import (
-    LAMP_MAP_PX,
-    SKY_MAP_PX,
-    SOFT_MAP_PX,
-    SURFEL_MAP_PX,
-    ShadowViews,
-    scene_lengths,
-)
 from ...surface.detail_maps import BUMP, SLOPE_STEP_MM
 from ...surface.edge_antialiasing import STEP_M, STEP_PX
 from ..lit_frames import FrameModel, LitShot
 from .blocks import HostBlock, Layout
+from .frame_nearby import fill_nearby, nearby_layout
+from .frame_shape import FrameShape
+from .frame_views import fill_views
 
-EDGE_SHARE = 0.125
-"""Of the pixels of an image, how many may show two parts of a hand; most that was seen: 0.05."""
-LAMP_COLUMNS = (
-    *("lamp", "of_sample", "is_sun", "axis", "is_area", "share", "tan_spread", "spread_share"),
-    *("cos_cone", "cone_edge", "shadow"),
-)
+_OF_SAMPLES = {
+    "lamp": wp.int64,
+    "of_sample": wp.vec3,
+    "is_sun": wp.bool,
+    "axis": wp.vec3,
+    "is_area": wp.bool,
+    "share": wp.float32,
+    "tan_spread": wp.float32,
+    "spread_share": wp.float32,
+    "cos_cone": wp.float32,
+    "cone_edge": wp.float32,
+    "shadow": wp.float32,
+}
+LAMP_COLUMNS = tuple(_OF_SAMPLES)
 """The samples of lamps, in the order of `LampSamples` and of kernels."""
-
-
-@dataclass(frozen=True)
-class FrameShape:
-    """The sizes of a frame: frames of one shape share buffers, and a recorded sequence.
-
-    Attributes:
-        size_px: of the rays' image.
-        sky: directions.
-        samples: of all lamps.
-        hard: of these, of lamps whose shadows have edges.
-        lamps: their number.
-    """
-
-    size_px: tuple[int, int]
-    sky: int
-    samples: int
-    hard: int
-    lamps: int
-
-    @classmethod
-    def of(cls, shot: LitShot) -> FrameShape:
-        """Measure a shot."""
-        sky, lamps = shot.light
-        hard = int(lamps.is_hard.sum())
-        return cls(shot.camera.size_px, len(sky.towards), len(lamps.lamp), hard, len(lamps.rgb))
-
-    @property
-    def rays(self) -> int:
-        """Most rays: one for each pixel of their image."""
-        return self.size_px[0] * self.size_px[1]
-
-    @property
-    def edges(self) -> int:
-        """Most pixels of the full-size image that show two parts."""
-        return int(4 * self.rays * EDGE_SHARE)
-
-    @property
-    def views(self) -> int:
-        """Of the hand from its light: from the sky, from lamps at rays, and from lamps at surfels."""
-        return self.sky + 2 * self.samples
-
-    @property
-    def map_cells(self) -> int:
-        """Of all shadow maps, in three layers each."""
-        soft = self.samples - self.hard
-        cells = self.sky * SKY_MAP_PX**2 + self.hard * LAMP_MAP_PX**2 + soft * SOFT_MAP_PX**2
-        return 3 * (cells + self.samples * SURFEL_MAP_PX**2)
+SURFEL_LAMP_COLUMNS = tuple(f"surfel_{name}" for name in LAMP_COLUMNS)
+"""The same, at surfels."""
 
 
 def parameter_layout(model: FrameModel, shape: FrameShape) -> Layout:
     """Lay out the parameters of frames of one shape."""
     vertices, fine, views = len(model.albedo), len(model.template.offset_m), shape.views
     joints = len(model.template.skin.parents)
-    lamp_kinds = wp.int64, wp.vec3, wp.bool, wp.vec3, wp.bool, *[wp.float32] * 6
     return {
         "vertices": (wp.vec3, (vertices,)),
         "theta": (wp.vec3, (joints,)),
@@ -112,13 +66,20 @@ def parameter_layout(model: FrameModel, shape: FrameShape) -> Layout:
         "window": (wp.int32, (2,)),
         "frames": (wp.mat33, (views,)),
         "distance": (wp.float32, (views,)),
-        "table": (wp.int32, (views, 9)),
+        "table": (wp.int32, (views, 10)),
+        "spheres": (wp.float32, (2, 4)),
+        "lengths": (wp.float32, (2, 4)),
         "towards": (wp.vec3, (shape.sky,)),
         "flux": (wp.vec3, (shape.sky,)),
         "brightness": (wp.float32, (shape.sky,)),
         "sky_share": (wp.float32, (shape.sky,)),
         "radiance": (wp.float32, ((SIDE + 2) ** 2, len(WIDTHS), 3)),
-        **{name: (kind, (shape.samples,)) for name, kind in zip(LAMP_COLUMNS, lamp_kinds, strict=True)},
+        **{name: (kind, (shape.samples,)) for name, kind in _OF_SAMPLES.items()},
+        **{f"surfel_{name}": (kind, (shape.at_surfels,)) for name, kind in _OF_SAMPLES.items()},
+        "pressed": (wp.vec2, (fine if shape.is_pressed else 0,)),
+        "hair_count": (wp.int32, (1,)),
+        "hair_unit": (wp.float32, (1,)),
+        **nearby_layout(shape),
         "lamp_rgb": (wp.vec3, (shape.lamps,)),
         "lamp_radius_rad": (wp.float32, (shape.lamps,)),
     }
@@ -134,8 +95,6 @@ _CONSTANTS = {
     "off_plane_m": 1,
     "part_steps": 2,
     "skin_constants": 5,
-    "sphere": 4,
-    "lengths": 4,
 }
 """Names and lengths of what kernels take as constants of a view."""
 
@@ -147,8 +106,13 @@ def fill_parameters(host: HostBlock, model: FrameModel, shape: FrameShape, shot:
     host["window"][:] = shot.window_px
     for name, values in _constants(model, shot).items():
         host[name][:] = values
-    _fill_light(host, shot.light)
-    _fill_views(host, model, shape, shot)
+    if shot.pressed is not None:
+        host["pressed"][:] = shot.pressed
+    _fill_light(host, shot)
+    host["hair_count"][:] = shot.hairs
+    host["hair_unit"][:] = (float(shot.light.unblocked(shot.bounds.centre)) or 1.0) if shot.hairs else 1.0
+    fill_nearby(host, shot)
+    fill_views(host, model, shape, shot)
 
 
 def _fill_pose(host: HostBlock, model: FrameModel, shot: LitShot) -> None:
@@ -178,7 +142,7 @@ def camera_axes(K: Float[np.ndarray, "3 3"], world2cam: Float[np.ndarray, "4 4"]
 def _constants(model: FrameModel, shot: LitShot) -> dict[str, Any]:
     """Compute what kernels take as constants of a view."""
     scale, maps = shot.scale, model.maps
-    focal_px, radius = float(shot.camera.focal_px), float(shot.bounds.radius)
+    focal_px = float(shot.camera.focal_px)
     texel_m, slope = scale * maps.texel_m, scale * (-BUMP * 1e-3 * maps.resolution * SLOPE_STEP_MM)
     finer_by = 0.0 if maps.ratio is None else float(np.log2(maps.ratio.resolution / maps.resolution))
     return {
@@ -191,13 +155,11 @@ def _constants(model: FrameModel, shot: LitShot) -> dict[str, Any]:
         "off_plane_m": OFF_PLANE_M * scale,
         "part_steps": (STEP_M * scale, STEP_PX / (2 * focal_px)),
         "skin_constants": (1 / (2 * focal_px * texel_m), texel_m, float(maps.blurred_level), slope, finer_by),
-        "sphere": (*shot.bounds.centre.tolist(), radius),
-        "lengths": scene_lengths(scale / radius),
     }
 
 
-def _fill_light(host: HostBlock, light: LightSamples) -> None:
-    sky, lamps = light
+def _fill_light(host: HostBlock, shot: LitShot) -> None:
+    sky, lamps = shot.light
     named: dict[str, Tensor] = {
         "towards": sky.towards,
         "flux": sky.flux,
@@ -206,25 +168,8 @@ def _fill_light(host: HostBlock, light: LightSamples) -> None:
         "radiance": sky.mirrored.radiance,
         "lamp_rgb": lamps.rgb,
         "lamp_radius_rad": lamps.radius_rad,
-        **dict(zip(LAMP_COLUMNS, lamps[: len(LAMP_COLUMNS)], strict=True)),
+        **dict(zip(LAMP_COLUMNS, lamps[:-2], strict=True)),
+        **dict(zip(SURFEL_LAMP_COLUMNS, shot.at_surfels[:-2], strict=True)),
     }
     for name, values in named.items():
         host[name][:] = values.numpy()
-
-
-def _fill_views(host: HostBlock, model: FrameModel, shape: FrameShape, shot: LitShot) -> None:
-    """Fill the views of shadow maps, and which maps, points and casters they have."""
-    sky, lamps = shot.light
-    parts: tuple[ShadowViews, ...] = (sky.views(), *[lamps.views(shot.bounds)] * 2)
-    for name, values in zip(("frames", "distance"), zip(*parts, strict=True), strict=True):
-        host[name][:] = np.concatenate([one.numpy() for one in values])
-    vertices, faces = len(model.albedo), len(model.topology.faces)
-    on_mesh, on_surface = (0, vertices, 0, faces), (vertices, model.casting_vertices, faces, model.casting_faces)
-    table, (first, second) = host["table"], (shape.sky, shape.sky + shape.samples)
-    table[:first, 2:] = 0, vertices, 1, *on_mesh
-    table[first:second, 2:] = vertices + shape.rays, 0, 1, *on_surface
-    table[second:, 2:] = 0, vertices, 0, *on_mesh
-    table[:first, 0], table[second:, 0] = SKY_MAP_PX, SURFEL_MAP_PX
-    table[first:second, 0] = np.where(lamps.is_hard.numpy(), LAMP_MAP_PX, SOFT_MAP_PX)
-    cells = 3 * table[:, 0] ** 2
-    table[:, 1] = cells.cumsum() - cells

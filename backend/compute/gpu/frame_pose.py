@@ -7,7 +7,7 @@ import warp as wp
 
 from .blocks import address_of, part_of, stride_of
 from .frame_buffers import FrameBuffers
-from .frame_model import device_array
+from .frame_nearby import POINTS
 from .kernels.detail import fine_vertices, finer_field, vertex_normals
 from .kernels.hits import project_layers
 from .kernels.raster import find_fronts, normals_at, project_vertices
@@ -87,13 +87,14 @@ def add_views(frame: FrameBuffers) -> None:
         frame.add(find_fronts, (faces, _LANES), at, "fine_faces", *sizes, f"shown{suffix}")
     frame.new("hit_m", wp.float32, rays)
     frame.new("hit_normals", wp.vec3, rays)
-    frame.named("every_pixel", device_array(np.arange(rays), wp.int64, frame.device))
+    frame.constant("every_pixel", np.arange(rays), wp.int64)
     seen = "fine_at_low", "fine_normals", "fine_faces", "shown_low", "every_pixel"
     frame.add(normals_at, rays, *seen, width, "hit_m", "hit_normals")
     frame.new("moved", wp.vec3, vertices)
     layers = frame.new("layers", wp.vec3, 4 * vertices)
     as_rows = layers.reshape((4, vertices))
-    points = frame.new("points", wp.vec3, vertices + 2 * rays)
+    of_patches = 2 * POINTS if frame.shape.has_patches else 0
+    points = frame.new("points", wp.vec3, vertices + 2 * rays + of_patches)
     frame.named("position", part_of(points, vertices, rays))
     frame.named("on_surface", part_of(points, vertices + rays, rays))
     of_mesh = "vertices", "normals", "fine", "K", "world2cam", "scale", "lifts_m"

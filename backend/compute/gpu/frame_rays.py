@@ -8,7 +8,6 @@ import warp as wp
 from ...field.sampler import strata
 from .blocks import part_of
 from .frame_buffers import RAYS, FrameBuffers
-from .frame_model import device_array
 from .kernels.hits import list_rays, meet_skin
 from .kernels.planes import gather_samples, sum_samples, weigh_samples
 from .kernels.shell import face_corners, fill_intervals, find_crossings, trace_samples
@@ -49,7 +48,7 @@ def _add_samples(frame: FrameBuffers) -> None:
     frame.new("corners", wp.vec3, faces, 3)
     frame.add(face_corners, (faces, 3), "moved", "faces", "corners")
     offsets = strata(rays, samples, torch.zeros(1), None)
-    frame.named("offsets", device_array(offsets, wp.float32, frame.device))
+    frame.constant("offsets", offsets, wp.float32)
     frame.new("t", wp.float32, rays, samples)
     frame.new("dt", wp.float32, rays)
     for name, kind in (("sample_face", wp.int64), ("sample_weights", wp.vec3), ("sample_height", wp.float32)):

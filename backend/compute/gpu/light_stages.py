@@ -20,10 +20,10 @@ from .kernels.compiled import INFINITE_BITS, lanes_of, launch
 from .kernels.features import add_lamps, add_surfels, sky_features, sum_surfels
 from .kernels.features import ambient_occlusion as fill_ambient_occlusion
 from .kernels.features import mesh_points as fill_mesh_points
-from .kernels.nearby import near_field_light as fill_near_light
+from .kernels.nearby import near_field_light as add_near_light
 from .kernels.shadow import (
     draw_nearest,
-    draw_others,
+    draw_occluders,
     draw_sides,
     fill_lit_share,
     find_bounds,
@@ -44,29 +44,28 @@ def look_up(scene: ShadowScene, map_points: Float[Tensor, "P 3"]) -> PointShadow
         return shadows
     mesh = view_table(views, scene.map_px, count, len(scene.vertices), len(scene.faces), device)
     bounds, parts = torch.full((views, 4), _MOST, dtype=torch.int32, device=device), _parts(_BOUND_PARTS, device)
-    sphere = distance.new_tensor((0.0, 0.0, 0.0, 1.0))
-    launch(find_bounds, (views, parts), sphere, frames, distance, mesh, map_points, parts, bounds)
+    spheres = distance.new_tensor(((0.0, 0.0, 0.0, 1.0),))
+    launch(find_bounds, (views, parts), spheres, frames, distance, mesh, map_points, parts, bounds)
     maps = torch.full((views * 3 * scene.map_px**2,), INFINITE_BITS, dtype=torch.int32, device=device)
     placed = distance.new_empty(views, len(scene.vertices), 3)
-    launch(project_casters, placed.shape[:2], sphere, frames, distance, mesh, bounds, scene.vertices, placed)
+    launch(project_casters, placed.shape[:2], spheres, frames, distance, mesh, bounds, scene.vertices, placed)
     launch(draw_sides, (views, len(scene.faces)), mesh, placed, scene.faces, maps)
-    if corners := len(scene.others):
-        table, placed = (
-            view_table(views, scene.map_px, count, corners, 0, device),
-            distance.new_empty(views, corners, 3),
-        )
-        launch(project_casters, placed.shape[:2], sphere, frames, distance, table, bounds, scene.others, placed)
-        launch(draw_others, (views, corners // 3), table, placed, maps)
-    lengths = distance.new_tensor((scene.tolerance, scene.contact, scene.max_depth_in, scene.template_m))
-    launch(fill_shadows, (views, count), sphere, frames, distance, mesh, map_points, bounds, maps, lengths, *shadows)
+    if triangles := len(scene.others) // 3:
+        lanes = lanes_of(device)
+        count_of = torch.tensor([triangles], dtype=torch.int32, device=device)
+        others = scene.others, count_of, lanes, maps
+        launch(draw_occluders, (views, triangles, lanes), spheres, frames, distance, mesh, bounds, *others)
+    lengths = distance.new_tensor(((scene.tolerance, scene.contact, scene.max_depth_in, scene.template_m),))
+    seen = spheres, frames, distance, mesh, map_points, bounds, maps, lengths
+    launch(fill_shadows, (views, count), *seen, *shadows, distance.new_empty(0, count))
     return shadows
 
 
 def view_table(
     views: int, map_px: int, points: int, vertices: int, faces: int, device: torch.device
-) -> Int[Tensor, "K 9"]:
+) -> Int[Tensor, "K 10"]:
     """Make the table of views that share all points, vertices and faces."""
-    table = torch.tensor([[map_px, 0, 0, points, 0, 0, vertices, 0, faces]], dtype=torch.int32).repeat(views, 1)
+    table = torch.tensor([[map_px, 0, 0, points, 0, 0, vertices, 0, faces, 0]], dtype=torch.int32).repeat(views, 1)
     table[:, 1] = 3 * map_px**2 * torch.arange(views)
     return table.to(device)
 
@@ -140,9 +139,18 @@ def near_field_light(
 ) -> NearFieldFeatures:
     """Compute near-field light, as `light.near_field_light.near_field_light`."""
     count = len(points.position)
-    found = NearFieldFeatures(*(emitted.new_empty(count, *shape) for shape in ((3, 3), (2, 3), (2, 3))))
-    around = patches.position, patches.normal, patches.area_m2, emitted, sky_visibility.lit, *sky_cells(emitted.device)
-    launch(fill_near_light, count, *points[:4], *around, *found)
+    found = NearFieldFeatures(*(emitted.new_zeros(count, *shape) for shape in ((3, 3), (2, 3), (2, 3))))
+    many = torch.tensor([len(patches.position)], dtype=torch.int32, device=emitted.device)
+    around = (
+        many,
+        patches.position,
+        patches.normal,
+        patches.area_m2,
+        emitted,
+        sky_visibility.lit,
+        *sky_cells(emitted.device),
+    )
+    launch(add_near_light, count, *points[:4], *around, *found)
     return found
 
 

@@ -8,18 +8,17 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
-import numpy as np
 import warp as wp
-from jaxtyping import Float
 
-from ..lit_frames import FrameModel, LitShot
-from .frame_buffers import OUT_CHANNELS, FrameBuffers
+from ..lit_frames import FrameModel, LitShot, ShotPixels
+from .frame_buffers import FrameBuffers
 from .frame_image import add_colours, add_coverage, add_pixels, add_superres
 from .frame_light import add_decoder, add_light, add_shadows
 from .frame_model import DeviceModel
-from .frame_parameters import FrameShape, fill_parameters
+from .frame_parameters import fill_parameters
 from .frame_pose import add_pose, add_views
 from .frame_rays import add_rays
+from .frame_shape import FrameShape
 from .ray_stages import CAPACITY
 
 _MOST_KEPT = 4
@@ -45,7 +44,7 @@ class LitFrame:
         add_colours(frame)
         frame.add_end()
 
-    def render(self, shot: LitShot) -> Float[np.ndarray, "H W 5"] | None:
+    def render(self, shot: LitShot) -> ShotPixels | None:
         """Render a frame, as `LitFrameRenderer.render`; None: a list has overflowed."""
         frame = self.buffers
         fill_parameters(frame.host, frame.model, frame.shape, shot)
@@ -54,7 +53,9 @@ class LitFrame:
         if frame.answer["overflow"][0]:
             return None
         width, height = frame.shape.size_px
-        return frame.answer["pixels"].reshape(2 * height, 2 * width, OUT_CHANNELS)
+        size = 2 * height, 2 * width
+        rgb, alpha, depth = (frame.answer[name] for name in ("rgb", "pixel_alpha", "pixel_depth"))
+        return ShotPixels(rgb.reshape(*size, 3), alpha.reshape(size), depth.reshape(size))
 
 
 class LitFrames:
@@ -64,7 +65,7 @@ class LitFrames:
         self._model = DeviceModel.of(model, device)
         self._kept = OrderedDict[FrameShape, LitFrame]()
 
-    def render(self, shot: LitShot) -> Float[np.ndarray, "H W 5"] | None:
+    def render(self, shot: LitShot) -> ShotPixels | None:
         """Render a frame, as `LitFrameRenderer.render`; None where the device's memory is too full as well."""
         try:
             frame = self.of(FrameShape.of(shot))

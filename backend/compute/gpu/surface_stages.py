@@ -145,7 +145,8 @@ def detailed_image(
     firsts = mesh.faces.new_tensor([first for first, _ in maps.levels])
     tables = maps.table, firsts, maps.resolution, *_ratio_of(maps)
     known = seen.face.long(), seen.depth, seen.coverage, view_of(camera)
-    of_view = _constants(mesh, camera, maps), image.normal.new_tensor(maps.pigment_colour)
+    nothing_pressed = image.normal.new_zeros(0, 2)
+    of_view = _constants(mesh, camera, maps), image.normal.new_tensor(maps.pigment_colour), nothing_pressed
     of_skin = skin.surface_normal, skin.blurred_normal, skin.alpha_squared, skin.nail
     written = copies["coefficients"], copies["normal"], *of_skin, copies["alpha"].view(-1)
     launch(add_skin, len(image.pixel), *known, *surface, *tables, *of_view, image.pixel, image.view, *written)

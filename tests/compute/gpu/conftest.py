@@ -15,6 +15,7 @@ from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing
 from livehand.backend.records.shot import HandPose
+from livehand.backend.render import lit_shots
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.research.benchmark.motion import MovingHand
 
@@ -94,3 +95,40 @@ def calls():
         assert renderer.render(shot).alpha.max() > 0.9
         renderer.forget()
     return recorder.calls
+
+
+@pytest.fixture(scope="session")
+def hand():
+    return load_default_hand()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def small_buckets():
+    """Frames of 64 x 96 px have half the rays then; those of the gates' rehearsal are as they are everywhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lit_shots, "BUCKET_PX", 16)
+        yield
+
+
+@pytest.fixture(scope="session")
+def renderers(device, hand):
+    """At once on Warp's device, and stage by stage on the CPU as everybody's frames are."""
+    from livehand.backend.compute.gpu.backend import WarpBackend
+
+    avatar, name = load_avatar(), "cuda:0" if device.type == "cuda" else "cpu"
+    return (Renderer(avatar, hand, "cpu", "fp32", backend) for backend in (WarpBackend(name), NumbaBackend()))
+
+
+@pytest.fixture(scope="session")
+def ours(renderers):
+    return next(renderers)
+
+
+@pytest.fixture(scope="session")
+def theirs(ours, renderers):
+    return next(renderers)
+
+
+@pytest.fixture(scope="session")
+def first(hand):
+    return next(iter(shots(hand)))

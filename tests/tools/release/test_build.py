@@ -5,6 +5,8 @@ import re
 import tomllib
 import urllib.parse
 import zipfile
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from livehand.backend.records.errors import LiveHandError
@@ -98,6 +100,22 @@ def test_the_index_of_packages_goes_into_the_zip_and_to_pip(release, monkeypatch
     assert asked == [["--no-index", "--extra-index-url", "https://example.org/cpu"]]
     with zipfile.ZipFile(release.out / "livehand-0.2.0-slim.zip") as archive:
         assert archive.read("package_index.txt") == b"https://example.org/cpu\n"
+
+
+def test_kernels_of_gpus_go_into_the_zip_where_their_first_use_looks_for_them(release, monkeypatch):
+    ahead = pytest.importorskip("livehand.backend.compute.gpu.ahead")
+
+    def compiled(chips, folder):
+        file = folder / "surfels_1234567" / f"surfels.sm{chips[0]}.cubin"
+        file.parent.mkdir(parents=True)
+        file.write_bytes(b"of a chip")
+        return ahead.CompiledKernels(folder, (file,), 1.0)
+
+    monkeypatch.setattr(ahead, "compile_kernels", compiled)
+    build_release(replace(release, gpu_chips=(86,)), [])
+    with zipfile.ZipFile(release.out / "livehand-0.2.0-slim.zip") as archive:
+        assert archive.read("backend/compute/gpu/compiled/surfels_1234567/surfels.sm86.cubin") == b"of a chip"
+    assert Path(ahead.__file__).with_name("compiled") == ahead.SHIPPED
 
 
 def test_a_page_may_lie_elsewhere_than_its_zips(tmp_path):

@@ -20,6 +20,7 @@ wp.config.log_level = logging.WARNING  # standard output belongs to the results 
 Floats, Floats2, Floats3, Floats4 = (wp.array(dtype=wp.float32, ndim=axes) for axes in (1, 2, 3, 4))
 Ints, Ints2, Ints3 = (wp.array(dtype=wp.int32, ndim=axes) for axes in (1, 2, 3))
 Longs, Longs2 = wp.array(dtype=wp.int64), wp.array2d(dtype=wp.int64)
+Pairs = wp.array(dtype=wp.vec2)
 Vectors, Vectors2, Matrices = wp.array(dtype=wp.vec3), wp.array2d(dtype=wp.vec3), wp.array(dtype=wp.mat33)
 Bytes, Bytes2 = wp.array(dtype=wp.int8), wp.array2d(dtype=wp.int8)
 Bools, Bools2, Keys = wp.array(dtype=wp.bool), wp.array2d(dtype=wp.bool), wp.array(dtype=wp.uint64)

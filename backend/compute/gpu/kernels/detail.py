@@ -9,10 +9,11 @@ import warp as wp
 from ....image.shading import MIN_ALPHA
 from ....light.brdf import ROUGHNESS
 from ....surface.albedo_ratio import RATIO_STEP
+from ....surface.blood import BLOOD_LOG_ALBEDO
 from ....surface.detail_maps import BUMP, GLOSS_STEP, SHADE_STEP
 from ....surface.detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
 from ....surface.shading_detail import FOLD_LOG_ALBEDO, LEAST_COSINE, MOST_TAPS, ONE_TAP_MORE, SHARPER
-from .compiled import Bytes2, Floats, Floats2, Floats3, Ints, Longs, Longs2, Vectors, kernel, part
+from .compiled import Bytes2, Floats, Floats2, Floats3, Ints, Longs, Longs2, Pairs, Vectors, kernel, part
 
 _TINY = wp.constant(1e-12)
 _MIN_ALPHA, _GLOSS_AT = wp.constant(MIN_ALPHA), wp.constant(12)
@@ -21,6 +22,7 @@ _LEAST_COSINE, _ONE_TAP_MORE, _SHARPER = (wp.constant(v) for v in (LEAST_COSINE,
 _MOST_TAPS, _SHADE, _GLOSS, _BUMP_SHARE = (wp.constant(v) for v in (MOST_TAPS, SHADE_STEP, GLOSS_STEP, BUMP))
 _RATIO_STEP, _ALPHA_SQUARED = wp.constant(RATIO_STEP), wp.constant(ROUGHNESS[1] ** 4)
 _FOLD_RED, _FOLD_GREEN, _FOLD_BLUE = (wp.constant(float(value)) for value in FOLD_LOG_ALBEDO)
+_BLOOD_RED, _BLOOD_GREEN, _BLOOD_BLUE = (wp.constant(float(value)) for value in BLOOD_LOG_ALBEDO)
 TEXELS, TEXEL_M, BLURRED_LEVEL, SLOPE, FINER_BY = (wp.constant(value) for value in range(5))
 """Of the constants of a view: texels of the finest level in a pixel's width at 1 m; side of one of these, m; the level
 that red light shows; a stored step of a slope, m; levels from there to the ratio's own."""
@@ -180,6 +182,7 @@ def add_skin(
     ratio_resolution: int,
     constants: Floats,
     pigment_colour: Floats,
+    pressed: Pairs,
     pixel: Longs,
     view_direction: Vectors,
     coefficients: Floats2,
@@ -190,7 +193,10 @@ def add_skin(
     nails: Floats,
     alpha: Floats,
 ):
-    """Give pixels [P] the coverage, normals, colours and nails of the skin, in place; a ratio of no rows is none."""
+    """Give pixels [P] the coverage, normals, colours and nails of the skin, in place; a ratio of no rows is none.
+
+    `pressed` are the shares of blood that has left skin and nails at vertices, or none.
+    """
     index = wp.tid()
     if index >= count[0]:
         return
@@ -285,8 +291,14 @@ def add_skin(
     coefficients[index, _GLOSS_AT + 1] = (1.0 - nail) * coverage
     folded = (dorsal * values[7] + palmar * values[8]) * _SHADE
     fold_colour = wp.vec3(_FOLD_RED, _FOLD_GREEN, _FOLD_BLUE)
+    blood_colour = wp.vec3(_BLOOD_RED, _BLOOD_GREEN, _BLOOD_BLUE)
+    bloodless = wp.float32(0.0)
+    if pressed.shape[0] > 0:
+        both = wa * pressed[corner_a] + wb * pressed[corner_b] + wc * pressed[corner_c]
+        bloodless = wp.max(both[0], 0.0)
+        bloodless += nail * (wp.max(bloodless, both[1]) - bloodless)
     for k in range(3):
         pigment = values[6] * _SHADE * pigment_colour[k]
-        factor = wp.exp(pigment + log_ratio[k] + folded * fold_colour[k])
+        factor = wp.exp(pigment + log_ratio[k] + folded * fold_colour[k] - bloodless * blood_colour[k])
         for group in range(3):
             coefficients[index, 3 + 3 * group + k] = coefficients[index, 3 + 3 * group + k] * factor

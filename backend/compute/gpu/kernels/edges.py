@@ -10,7 +10,8 @@ from ....image.decode import MIN_ALPHA as CLEAR_ALPHA
 from ....image.shading import MIN_ALPHA
 from ....records.frame import DEPTH_BACKGROUND
 from ....surface.edge_antialiasing import SPREAD
-from .compiled import Bools, Bools2, Bytes, Floats, Floats2, Ints, Keys, Longs, Longs2, Vectors, kernel, part
+from .compiled import Bools, Bools2, Bytes, Floats, Ints, Keys, Longs, Longs2, Vectors, kernel, part
+from .hairs import WHOLE
 from .raster import depth_of, face_of, fragment_depth, projected_area, word_of
 
 # Loops over samples within loops over pixels: unrolled, they would take more registers than there are.
@@ -325,6 +326,12 @@ def list_edges(between: Floats, part: Ints, capacity: int, count: Ints, pixel: L
     slot[at] = place
 
 
+@part
+@no_type_check
+def _summed(sums: Longs2, pixel: int, column: int) -> float:
+    return wp.float32(wp.float64(sums[pixel, column]) / WHOLE)
+
+
 @kernel
 @no_type_check
 def develop_pixels(
@@ -336,22 +343,38 @@ def develop_pixels(
     slots: int,
     shows_first: Bools2,
     share: Floats,
-    out: Floats2,
+    hair_sums: Longs2,
+    hair_depth_bits: Ints,
+    hair_unit: Floats,
+    out_rgb: Vectors,
+    out_alpha: Floats,
+    out_depth: Floats,
 ):
-    """Fill out [H * W, 5]: premultiplied scene-linear RGB, alpha, and depth, m; `slot`: its place among edges."""
+    """Fill premultiplied scene-linear RGB, alpha, and depth, m, of pixels [H * W]; `slot`: its place among edges.
+
+    Of hairs there are the sums and depths of `hairs.draw_hairs`, or none.
+    """
     pixel = wp.tid()
-    opacity = wp.min(alpha[pixel], 1.0)
+    colour = colours[pixel]
+    edge = slot[pixel]
+    if edge >= 0 and edge < slots:
+        colour = blended_colour(colours, alpha, depth, width, pixel, shows_first, share, edge)
+    opacity = float(alpha[pixel])
+    behind_m = float(depth[pixel])
+    if hair_sums.shape[0] > 0 and hair_sums[pixel, 3] > wp.int64(0):
+        hair = wp.vec3(_summed(hair_sums, pixel, 0), _summed(hair_sums, pixel, 1), _summed(hair_sums, pixel, 2))
+        total = _summed(hair_sums, pixel, 3)
+        covered = wp.min(total, 1.0)
+        colour = (1.0 - covered) * colour + (hair_unit[0] * covered / total) * hair
+        opacity += covered * (1.0 - opacity)
+    if hair_sums.shape[0] > 0 and not wp.isfinite(behind_m):
+        behind_m = wp.cast(hair_depth_bits[pixel], wp.float32)
+    opacity = wp.min(opacity, 1.0)
     if opacity <= _CLEAR_ALPHA:
         opacity = wp.float32(0.0)
-    colour = wp.vec3()
-    if opacity > 0.0:
-        colour = colours[pixel]
-        edge = slot[pixel]
-        if edge >= 0 and edge < slots:
-            colour = blended_colour(colours, alpha, depth, width, pixel, shows_first, share, edge)
-    for axis in range(3):
-        out[pixel, axis] = colour[axis]
-    out[pixel, 3] = opacity
-    out[pixel, 4] = _BACKGROUND
-    if opacity >= 0.5 and wp.isfinite(depth[pixel]):
-        out[pixel, 4] = depth[pixel]
+        colour = wp.vec3()
+    out_rgb[pixel] = colour
+    out_alpha[pixel] = opacity
+    out_depth[pixel] = _BACKGROUND
+    if opacity >= 0.5 and wp.isfinite(behind_m):
+        out_depth[pixel] = behind_m

@@ -1,8 +1,8 @@
 """Small shadow maps: as `light.shadow_maps.look_up_reference` and `light.visibility.lit_share_reference`.
 
-Maps hold depths as the bits of positive floats, which have the order of their values. A table [K, 9] of whole numbers
-says of each of K views which map it has, and which of all points, vertices and faces are its own: so all shadows of a
-frame are one sequence, whatever they are cast on and by.
+Maps hold depths as the bits of positive floats, which have the order of their values. A table [K, 10] of whole
+numbers says of each of K views which map it has, which of all points, vertices and faces are its own, and about which
+sphere: so all shadows of a frame are one sequence, whatever they are cast on and by.
 """
 
 from __future__ import annotations
@@ -23,17 +23,19 @@ _INFINITE = wp.constant(INFINITE_BITS)
 _SIGN = wp.constant(0x7FFFFFFF)
 FRONTS, BACKS, OTHERS = (wp.constant(value) for value in range(3))
 """Layers of a map: where light enters the mesh, where it leaves it, and the first of other triangles."""
-MAP_PX, MAP_AT, FIRST_POINT, POINTS, POINTS_PER_RAY, FIRST_VERTEX, VERTICES, FIRST_FACE, FACES = (
-    wp.constant(value) for value in range(9)
+MAP_PX, MAP_AT, FIRST_POINT, POINTS, POINTS_PER_RAY, FIRST_VERTEX, VERTICES, FIRST_FACE, FACES, SPHERE = (
+    wp.constant(value) for value in range(10)
 )
-"""Columns of the table of views: side and place of the map; its points, and more of them for each ray; casters."""
+"""Columns of the table of views: side and place of the map; its points, and more of them for each ray; casters; and
+which of the spheres and lengths are its own."""
 
 
 @part
 @no_type_check
-def in_radii(point: wp.vec3, sphere: Floats) -> wp.vec3:
-    """Give a point in radii from the centre of a sphere [4]: centre and radius, m."""
-    return (point - wp.vec3(sphere[0], sphere[1], sphere[2])) / sphere[3]
+def in_radii(point: wp.vec3, spheres: Floats2, table: Ints2, view: int) -> wp.vec3:
+    """Give a point in radii from the centre of a view's sphere; `spheres` [N, 4]: centre and radius, m."""
+    of = table[view, SPHERE]
+    return (point - wp.vec3(spheres[of, 0], spheres[of, 1], spheres[of, 2])) / spheres[of, 3]
 
 
 @part
@@ -82,7 +84,7 @@ def across(frame: wp.mat33, distance: float, point: wp.vec3) -> wp.vec3:
 @no_type_check
 def find_bounds(
     count: Ints,
-    sphere: Floats,
+    spheres: Floats2,
     frames: Matrices,
     distance: Floats,
     table: Ints2,
@@ -103,7 +105,7 @@ def find_bounds(
     y1 = wp.float32(-3.0e38)
     index = int(first)
     while index < total:
-        place = across(frames[view], away, in_radii(points[table[view, FIRST_POINT] + index], sphere))
+        place = across(frames[view], away, in_radii(points[table[view, FIRST_POINT] + index], spheres, table, view))
         x = wp.clamp(place[0], -reach, reach)
         y = wp.clamp(place[1], -reach, reach)
         if place[2] <= 0.0:
@@ -150,7 +152,7 @@ def _in_window(frame: wp.mat33, distance: float, window: wp.vec4, point: wp.vec3
 @no_type_check
 def project_casters(
     count: Ints,
-    sphere: Floats,
+    spheres: Floats2,
     frames: Matrices,
     distance: Floats,
     table: Ints2,
@@ -164,7 +166,7 @@ def project_casters(
         return
     window = window_of(distance[view], bounds, view, points_of(table, view, count[0]), table[view, MAP_PX])
     at = table[view, FIRST_VERTEX] + index
-    placed[view, at] = _in_window(frames[view], distance[view], window, in_radii(vertices[at], sphere))
+    placed[view, at] = _in_window(frames[view], distance[view], window, in_radii(vertices[at], spheres, table, view))
 
 
 @kernel
@@ -183,33 +185,91 @@ def draw_sides(table: Ints2, placed: Vectors2, faces: Longs2, maps: Ints):
     if area < 0.0:
         layer = int(FRONTS)
     if area != 0.0:
-        _draw(a, b, c, area, table, maps, view, layer)
+        _draw(a, b, c, area, table, maps, view, layer, 0, 1)
 
 
 @kernel
 @no_type_check
-def draw_others(table: Ints2, placed: Vectors2, maps: Ints):
-    """Lower the last layer of maps to either side of the triangles of every three points."""
-    view, triangle = wp.tid()
-    a = placed[view, 3 * triangle]
-    b = placed[view, 3 * triangle + 1]
-    c = placed[view, 3 * triangle + 2]
+def draw_occluders(
+    count: Ints,
+    spheres: Floats2,
+    frames: Matrices,
+    distance: Floats,
+    table: Ints2,
+    bounds: Ints2,
+    corners: Vectors,
+    triangles: Ints,
+    lanes: int,
+    maps: Ints,
+):
+    """Lower the last layer of maps to either side of triangles, of which `corners` has three each, world, m.
+
+    `triangles` [1] is their number, and `lanes` how many threads share the pixels of one.
+    """
+    view, triangle, lane = wp.tid()
+    if triangle >= triangles[0]:
+        return
+    window = window_of(distance[view], bounds, view, points_of(table, view, count[0]), table[view, MAP_PX])
+    a = _caster(corners[3 * triangle], spheres, frames, distance, table, window, view)
+    b = _caster(corners[3 * triangle + 1], spheres, frames, distance, table, window, view)
+    c = _caster(corners[3 * triangle + 2], spheres, frames, distance, table, window, view)
     area = projected_area(a, b, c)
     if area != 0.0:
-        _draw(a, b, c, area, table, maps, view, OTHERS)
+        _draw(a, b, c, area, table, maps, view, OTHERS, lane, lanes)
 
 
 @part
 @no_type_check
-def _draw(a: wp.vec3, b: wp.vec3, c: wp.vec3, area: float, table: Ints2, maps: Ints, view: int, layer: int):
+def _caster(
+    corner: wp.vec3,
+    spheres: Floats2,
+    frames: Matrices,
+    distance: Floats,
+    table: Ints2,
+    window: wp.vec4,
+    view: int,
+) -> wp.vec3:
+    return _in_window(frames[view], distance[view], window, in_radii(corner, spheres, table, view))
+
+
+@part
+@no_type_check
+def _draw(
+    a: wp.vec3,
+    b: wp.vec3,
+    c: wp.vec3,
+    area: float,
+    table: Ints2,
+    maps: Ints,
+    view: int,
+    layer: int,
+    lane: int,
+    lanes: int,
+):
+    """Lower a layer of a map to a face, in every so many pixels of its box."""
     map_px = table[view, MAP_PX]
     first = table[view, MAP_AT] + layer * map_px * map_px
     box = covered_centres(a, b, c, map_px, map_px)
-    for y in range(box[2], box[3]):
-        for x in range(box[0], box[1]):
-            depth = fragment_depth(a, b, c, area, float(x) + 0.5, float(y) + 0.5)
-            if depth > 0.0:
-                wp.atomic_min(maps, first + y * map_px + x, wp.cast(depth, wp.int32))
+    columns = box[1] - box[0]
+    index = int(lane)
+    while index < columns * (box[3] - box[2]):
+        x = box[0] + index % columns
+        y = box[2] + index / columns
+        depth = fragment_depth(a, b, c, area, float(x) + 0.5, float(y) + 0.5)
+        if depth > 0.0:
+            wp.atomic_min(maps, first + y * map_px + x, wp.cast(depth, wp.int32))
+        index += lanes
+
+
+@part
+@no_type_check
+def _where_mesh_ends_light(maps: Ints, first: int, layer: int, most: float) -> float:
+    """Find the depth at which the mesh alone ends light; arguments as of `_where_light_ends`."""
+    enters = wp.cast(maps[first + FRONTS * layer], wp.float32)
+    ends = enters
+    if maps[first + BACKS * layer] < _INFINITE:
+        ends = enters + wp.min(0.5 * (wp.cast(maps[first + BACKS * layer], wp.float32) - enters), most)
+    return ends
 
 
 @part
@@ -220,9 +280,7 @@ def _where_light_ends(maps: Ints, first: int, layer: int, most: float, contact: 
     `first` is the pixel in the first layer, and `layer` the pixels of one.
     """
     enters = wp.cast(maps[first + FRONTS * layer], wp.float32)
-    ends = enters
-    if maps[first + BACKS * layer] < _INFINITE:
-        ends = enters + wp.min(0.5 * (wp.cast(maps[first + BACKS * layer], wp.float32) - enters), most)
+    ends = _where_mesh_ends_light(maps, first, layer, most)
     blocker = wp.cast(maps[first + OTHERS * layer], wp.float32) + contact
     if blocker < enters:
         enters = wp.float32(-3.0e38)
@@ -233,20 +291,22 @@ def _where_light_ends(maps: Ints, first: int, layer: int, most: float, contact: 
 @no_type_check
 def look_up(
     count: Ints,
-    sphere: Floats,
+    spheres: Floats2,
     frames: Matrices,
     distance: Floats,
     table: Ints2,
     points: Vectors,
     bounds: Ints2,
     maps: Ints,
-    lengths: Floats,
+    lengths: Floats2,
     lit: Floats2,
     depth_in: Floats2,
+    alone: Floats2,
 ):
     """Fill the share of the four nearest pixels in which points are lit, and their depth behind the surface.
 
-    `lengths` are the scene's tolerance, contact, max_depth_in and template_m (`light.shadow_maps.ShadowScene`).
+    `lengths` are each sphere's tolerance, contact, max_depth_in and template_m (`light.shadow_maps.ShadowScene`).
+    `alone` is as `lit` of the first views, were there no other triangles.
     """
     view, index = wp.tid()
     total = points_of(table, view, count[0])
@@ -254,7 +314,7 @@ def look_up(
         return
     map_px = table[view, MAP_PX]
     window = window_of(distance[view], bounds, view, total, map_px)
-    point = in_radii(points[table[view, FIRST_POINT] + index], sphere)
+    point = in_radii(points[table[view, FIRST_POINT] + index], spheres, table, view)
     place = _in_window(frames[view], distance[view], window, point)
     x = place[0] - 0.5
     y = place[1] - 0.5
@@ -263,26 +323,34 @@ def look_up(
     if not (x >= 0.0 and y >= 0.0 and x < limit and y < limit and depth > 0.0):
         lit[view, index] = 1.0
         depth_in[view, index] = 0.0
+        if view < alone.shape[0]:
+            alone[view, index] = 1.0
         return
     column = int(x)
     row = int(y)
     right = x - float(column)
     below = y - float(row)
     most = _STEEPEST / wp.min(window[2], window[3])
+    of = table[view, SPHERE]
     share = wp.float32(0.0)
+    of_mesh = wp.float32(0.0)
     inside = wp.float32(0.0)
     for corner in range(4):
         across_x = corner % 2
         across_y = corner / 2
         weight = wp.where(across_x == 1, right, 1.0 - right) * wp.where(across_y == 1, below, 1.0 - below)
         pixel = table[view, MAP_AT] + (row + across_y) * map_px + column + across_x
-        way = _where_light_ends(maps, pixel, map_px * map_px, most, lengths[1])
-        if depth - lengths[0] <= way[1]:
+        way = _where_light_ends(maps, pixel, map_px * map_px, most, lengths[of, 1])
+        if depth - lengths[of, 0] <= way[1]:
             share += weight
+        if depth - lengths[of, 0] <= _where_mesh_ends_light(maps, pixel, map_px * map_px, most):
+            of_mesh += weight
         if way[0] < 3.0e38:
-            inside += weight * wp.clamp(depth - way[0], -lengths[2], lengths[2])
+            inside += weight * wp.clamp(depth - way[0], -lengths[of, 2], lengths[of, 2])
     lit[view, index] = share
-    depth_in[view, index] = wp.max(inside, 0.0) * lengths[3]
+    depth_in[view, index] = wp.max(inside, 0.0) * lengths[of, 3]
+    if view < alone.shape[0]:
+        alone[view, index] = of_mesh
 
 
 @kernel

@@ -12,8 +12,10 @@ import warp as wp
 
 from .compiled import Floats2, Ints, kernel
 
+THREADS = 128
+"""That share a tile."""
 # Of tensor cores' library: compiling a kernel with it takes minutes.
-wp.set_module_options({"enable_mathdx_gemm": False})
+wp.set_module_options({"enable_mathdx_gemm": False, "block_dim": THREADS})
 ROWS, DEPTH, COLUMNS = (wp.constant(value) for value in (64, 32, 64))
 """Of a tile of the result: its rows, what is multiplied at a time, and its columns. Layers are padded to these."""
 
