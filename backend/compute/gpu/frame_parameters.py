@@ -19,6 +19,7 @@ from ...image.edge_avoiding_filter import OFF_PLANE_M
 from ...light.prefiltered_environment import SIDE, WIDTHS
 from ...light.samples import LightSamples
 from ...light.shadow_maps import (
+    CELL_MAP_PX,
     LAMP_MAP_PX,
     SKY_MAP_PX,
     SOFT_MAP_PX,
@@ -26,6 +27,7 @@ from ...light.shadow_maps import (
     ShadowViews,
     scene_lengths,
 )
+from ...light.sky_samples import SKY_DIRECTIONS
 from ...surface.detail_maps import BUMP, SLOPE_STEP_MM
 from ...surface.edge_antialiasing import STEP_M, STEP_PX
 from ..lit_frames import FrameModel, LitShot
@@ -84,7 +86,8 @@ class FrameShape:
     def map_cells(self) -> int:
         """Of all shadow maps, in three layers each."""
         soft = self.samples - self.hard
-        cells = self.sky * SKY_MAP_PX**2 + self.hard * LAMP_MAP_PX**2 + soft * SOFT_MAP_PX**2
+        of_sky = SKY_DIRECTIONS * CELL_MAP_PX**2 + (self.sky - SKY_DIRECTIONS) * SKY_MAP_PX**2
+        cells = of_sky + self.hard * LAMP_MAP_PX**2 + soft * SOFT_MAP_PX**2
         return 3 * (cells + self.samples * SURFEL_MAP_PX**2)
 
 
@@ -224,7 +227,8 @@ def _fill_views(host: HostBlock, model: FrameModel, shape: FrameShape, shot: Lit
     table[:first, 2:] = 0, vertices, 1, *on_mesh
     table[first:second, 2:] = vertices + shape.rays, 0, 1, *on_surface
     table[second:, 2:] = 0, vertices, 0, *on_mesh
-    table[:first, 0], table[second:, 0] = SKY_MAP_PX, SURFEL_MAP_PX
+    table[:SKY_DIRECTIONS, 0], table[SKY_DIRECTIONS:first, 0] = CELL_MAP_PX, SKY_MAP_PX
+    table[second:, 0] = SURFEL_MAP_PX
     table[first:second, 0] = np.where(lamps.is_hard.numpy(), LAMP_MAP_PX, SOFT_MAP_PX)
     cells = 3 * table[:, 0] ** 2
     table[:, 1] = cells.cumsum() - cells
