@@ -24,9 +24,9 @@ MAX_DEPTH_IN_M = 0.025
 """Depths behind the surface are measured up to this, template metres; no light passes through more skin."""
 FAR = 1000.0
 """Distance of parallel light, in radii of the mesh: its rays are then parallel to 0.1 degrees."""
-SKY_MAP_PX, LAMP_MAP_PX, SOFT_MAP_PX, SURFEL_MAP_PX = 64, 256, 192, 64
-"""Sides of the shadow maps of one direction of the sky, and of one sample of a lamp: at rays and patches; at rays, of a
-lamp whose shadows are too soft to show their pixels; at surfels."""
+CELL_MAP_PX, SKY_MAP_PX, LAMP_MAP_PX, SOFT_MAP_PX, SURFEL_MAP_PX = 40, 64, 256, 192, 64
+"""Sides of the shadow maps of one cell of the sky; of one part of a cell, or of a cell at patches; and of one sample of
+a lamp: at rays and patches; at rays, of a lamp whose shadows are too soft to show their pixels; at surfels."""
 # Where light grazes, smooth normals face it on faces that do not; the middle of the mesh is far enough to allow for it.
 _GRAZING_M = 0.001
 # An object in contact with the skin touches a mesh that is coarser than both; template metres.

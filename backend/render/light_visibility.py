@@ -21,6 +21,7 @@ from ..light.near_field_light import PatchIrradiance
 from ..light.nearby_geometry import Patches
 from ..light.samples import LightSamples
 from ..light.shadow_maps import (
+    CELL_MAP_PX,
     LAMP_MAP_PX,
     MAX_DEPTH_IN_M,
     SKY_MAP_PX,
@@ -131,7 +132,7 @@ def sky_shadows(
 ) -> PointShadows:
     """Cast the shadows of the sky's cells at points and then at the surfels, whatever light comes from there."""
     views, of_cell = ShadowedSky.of(hand.light_quality.sky_directions, position.device)
-    shadows = _distant_shadows(backend, hand, occluders, position, views)
+    shadows = _distant_shadows(backend, hand, occluders, position, views, CELL_MAP_PX)
     if len(views.distance) == SKY_DIRECTIONS:
         return shadows
     return PointShadows(shadows.lit[of_cell], shadows.depth_in_m[of_cell])
@@ -150,16 +151,16 @@ def with_parts(
     if not len(parts):
         return of_cells
     views = sky.views().chosen(parts)
-    of_parts = _distant_shadows(backend, hand, occluders, position, views)
+    of_parts = _distant_shadows(backend, hand, occluders, position, views, SKY_MAP_PX)
     return PointShadows(*(torch.cat(values) for values in zip(of_cells, of_parts, strict=True)))
 
 
 def _distant_shadows(
-    backend: ReferenceBackend, hand: HandInView, occluders: Tensor, position: Tensor, views: ShadowViews
+    backend: ReferenceBackend, hand: HandInView, occluders: Tensor, position: Tensor, views: ShadowViews, map_px: int
 ) -> PointShadows:
     vertices = hand.mesh.vertices
     points = torch.cat([position, vertices[surfel_vertices(len(vertices), hand.light_quality.surfels)]])
-    return backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, points, SKY_MAP_PX)
+    return backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, points, map_px)
 
 
 def light_shadows(

@@ -48,13 +48,28 @@ def test_outputs_may_be_more_than_two_blocks():
 @pytest.mark.parametrize("light", ["baked", "linear"])
 @pytest.mark.slow
 def test_int8_loses_what_256_steps_of_each_rays_values_must(light):
+    """Rounding is a step / sqrt(12): of inputs, whose largest of 50 is at 2.5 spreads, 2.5 / 127, rms 0.006 of them.
+
+    Weights, uniform to a largest, lose 0.004 in each layer, and values behind a ReLU, the largest at 3 spreads, 0.005:
+    sqrt(0.006^2 + 2 * 0.005^2 + 3 * 0.004^2) = 0.011.
+    """
     field = a_field(light=light)
     inputs = inputs_of(field, 203)
     inputs[100:] *= 100  # every ray has its own scale
     ours, exact = decoder(field, CPU, "bf16")(inputs), field.decoded(inputs)
     for part in (slice(0, 100), slice(100, 203)):
         error = (ours[part] - exact[part]).square().mean().sqrt()
-        assert 0 < error < 0.01 * exact[part].std()
+        assert 0 < error < 0.015 * exact[part].std()
+
+
+@needs_int8_products
+def test_inputs_are_rounded_as_finely_as_they_count():
+    field = a_field(light="linear")
+    inputs = inputs_of(field, 60)
+    exact = field.decoded(inputs)
+    inputs[:, ::2] *= 1000
+    field.trunk[0].weight[:, ::2] /= 1000
+    assert (decoder(field, CPU, "bf16")(inputs) - exact).square().mean().sqrt() < 0.015 * exact.std()
 
 
 @needs_int8_products

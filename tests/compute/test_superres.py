@@ -20,11 +20,11 @@ precisions = pytest.mark.parametrize(
 )
 
 
-def trained(kind, seed=0):
+def trained(kind, seed=0, width=64):
     """A network whose last layer adds something."""
     with torch.random.fork_rng():
         torch.manual_seed(seed)
-        network = build_superres(SuperResConfig(kind=kind)).eval()
+        network = build_superres(SuperResConfig(kind=kind, width=width)).eval()
         torch.nn.init.normal_(network.tail.weight, std=0.05)
     return network.requires_grad_(False)
 
@@ -74,9 +74,9 @@ def by_torch(network, maps):
 
 @needs_vectors
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("kind", ["light", "lit"])
-def test_rows_equal_the_slow_reference(kind, shape):
-    network, maps = trained(kind), maps_of(SHAPES[shape], MAPS[kind])
+@pytest.mark.parametrize(("kind", "width"), [("light", 64), ("lit", 64), ("lit", 48), ("lit", 32)])
+def test_rows_equal_the_slow_reference(kind, width, shape):
+    network, maps = trained(kind, width=width), maps_of(SHAPES[shape], MAPS[kind])
     ours, exact = RowSuperRes.of(network, is_int8=False)(maps), by_torch(network, maps)
     torch.testing.assert_close(ours, exact, rtol=0, atol=2e-5)
     assert shape == "nothing" or exact.std() > 0.05
@@ -84,14 +84,25 @@ def test_rows_equal_the_slow_reference(kind, shape):
 
 @needs_int8_products
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("kind", ["light", "lit"])
+@pytest.mark.parametrize(("kind", "width"), [("light", 64), ("lit", 64), ("lit", 48), ("lit", 32)])
 @pytest.mark.slow
-def test_int8_rounds_as_256_steps_of_every_layer_must(kind, shape):
+def test_int8_rounds_as_256_steps_of_every_layer_must(kind, width, shape):
     """A step is 1/255 of a layer's span; uniform rounding of 64 x 9 inputs and weights leaves a hundredth of it."""
-    network, maps = trained(kind), maps_of(SHAPES[shape], MAPS[kind])
+    network, maps = trained(kind, width=width), maps_of(SHAPES[shape], MAPS[kind])
     ours, exact = RowSuperRes.of(network, is_int8=True)(maps), by_torch(network, maps)
     assert ours.shape == exact.shape
     assert (ours - exact).square().mean().sqrt() <= 0.02 * max(exact.std(), 0.05)
+
+
+@needs_int8_products
+def test_maps_are_rounded_as_finely_as_they_count():
+    """A map a thousand times as large as another, of weights as much smaller, leaves the other its 256 steps."""
+    network, maps = trained("lit"), maps_of(SHAPES["inside"], 34)
+    exact = by_torch(network, maps)
+    maps[:, :33:2] *= 1000
+    network.head.weight[:, :33:2] /= 1000
+    ours = RowSuperRes.of(network, is_int8=True)(maps)
+    assert (ours - exact).square().mean().sqrt() <= 0.02 * exact.std()
 
 
 @pytest.mark.slow
@@ -169,7 +180,7 @@ def test_threads_change_nothing(is_int8):
 
 def test_what_the_kernels_do_not_fit_is_left_to_torch():
     maps = maps_of(SHAPES["inside"], 34)
-    network = build_superres(SuperResConfig(kind="lit", width=32)).requires_grad_(False)
+    network = build_superres(SuperResConfig(kind="lit", width=40)).requires_grad_(False)
     found = superres(network, CPU, "bf16")
     assert not isinstance(found, RowSuperRes)
     assert found(maps).shape == (1, 12, 62, 80)

@@ -20,8 +20,8 @@ from livehand.backend.light.visibility import direction_frames
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Lamp, Light, Sky, sky_directions
 from livehand.backend.render.light_visibility import (
+    CELL_MAP_PX,
     NO_OCCLUDERS,
-    SKY_MAP_PX,
     features_with_nearby,
     light_shadows,
     nearby_geometry_of,
@@ -135,7 +135,7 @@ def test_of_a_sky_that_is_looked_at_along_few_directions_each_cell_has_the_neare
     nearest = (direction_frames(SKY_DIRECTIONS, "cpu")[:, 2] @ few.T).argmax(1)
     points = torch.cat([position, one.mesh.vertices[surfel_vertices(len(one.mesh.vertices), 100)]])
     views = ShadowViews.along(few, torch.full((16,), FAR))
-    of_few = backend.point_shadows(one.mesh, one.topology.faces, NO_OCCLUDERS, views, points, SKY_MAP_PX)
+    of_few = backend.point_shadows(one.mesh, one.topology.faces, NO_OCCLUDERS, views, points, CELL_MAP_PX)
     torch.testing.assert_close(found.lit, of_few.lit[nearest])
     torch.testing.assert_close(found.depth_in_m, of_few.depth_in_m[nearest])
     assert len(nearest.unique()) == 16

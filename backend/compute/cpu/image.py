@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ...field.rays import CameraTensors, direction_axes
 from ...image.edge_avoiding_filter import FACING_POWER, SHARES, RaySurfacePoints
@@ -97,7 +98,9 @@ def shade_image(
     large = image.pixel, image.coefficients, *normals, image.view, image.share
     light = features.lamp_rgb, features.lamp_radius_rad, skin.nail, skin.sharpness
     record, flat = RelitImage._make((*as_arrays(*large, rays), row, width, *as_arrays(*light))), out.numpy()
-    sky = MirrorArrays._make((*as_arrays(*features.mirrored), SIDE, np.float32(LEAST_ROUGHNESS)))
+    radiance, of_lobes = features.mirrored
+    tables = as_arrays(pad(radiance, (0, 1)), of_lobes)
+    sky = MirrorArrays._make((*tables, SIDE, np.float32(LEAST_ROUGHNESS)))
     in_parallel(lambda first, last: relit_pixels(record, sky, lobes(), first, last, flat), len(image.pixel))
     return out.T.reshape(3, 2 * height, 2 * width)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import accumulate
 
-from ...light.shadow_maps import LAMP_MAP_PX, SKY_MAP_PX, SOFT_MAP_PX, SURFEL_MAP_PX
+from ...light.shadow_maps import CELL_MAP_PX, LAMP_MAP_PX, SKY_MAP_PX, SOFT_MAP_PX, SURFEL_MAP_PX
+from ...light.sky_samples import SKY_DIRECTIONS
 from ..lit_frames import LitShot
 
 EDGE_SHARE = 0.125
@@ -91,7 +92,9 @@ class FrameShape:
     def map_cells(self) -> int:
         """Of all shadow maps, in three layers each."""
         soft, (_, _, at_surfels, sky_at_patches, lamps_at_patches) = self.samples - self.hard, self.view_counts
-        cells = (self.sky + sky_at_patches) * SKY_MAP_PX**2 + at_surfels * SURFEL_MAP_PX**2
+        parts = self.sky - SKY_DIRECTIONS
+        of_sky = SKY_DIRECTIONS * CELL_MAP_PX**2 + (parts + sky_at_patches) * SKY_MAP_PX**2
+        cells = of_sky + at_surfels * SURFEL_MAP_PX**2
         return 3 * (cells + (self.hard + lamps_at_patches) * LAMP_MAP_PX**2 + soft * SOFT_MAP_PX**2)
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from ...light.shadow_maps import (
+    CELL_MAP_PX,
     LAMP_MAP_PX,
     SKY_MAP_PX,
     SOFT_MAP_PX,
@@ -16,6 +17,7 @@ from ...light.shadow_maps import (
     ShadowViews,
     scene_lengths,
 )
+from ...light.sky_samples import SKY_DIRECTIONS
 from ..lit_frames import FrameModel, LitShot
 from .blocks import HostBlock
 from .frame_nearby import POINTS
@@ -69,6 +71,7 @@ def _fill_table(table: np.ndarray, model: FrameModel, shape: FrameShape, shot: L
         at_patches = len(shot.patches.points.position)
     sky, rays, surfels, patch_sky, patch_lamps = shape.view_groups
     table[sky] = SKY_MAP_PX, 0, 0, vertices, 1, *mesh, 0
+    table[:SKY_DIRECTIONS, int(MAP_PX)] = CELL_MAP_PX
     table[rays] = SOFT_MAP_PX, 0, on_hand, 0, 1, *coarse, 0
     hard = np.arange(rays.start, rays.stop)[lamps.is_hard.numpy()]
     table[hard] = LAMP_MAP_PX, 0, on_hand, 0, 1, *(finest if shape.has_fine_shadows else coarse), 0

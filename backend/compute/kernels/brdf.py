@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .compiled import compiled_part_loosely as part
+from .vectors import blend_texels
 
 _0, _QUARTER, _HALF, _1, _2, _TINY = (np.float32(value) for value in (0, 0.25, 0.5, 1, 2, 1e-12))
 LEAST_COSINE, GRAZING, TINY = (np.float32(value) for value in (1e-4, 0.05, 1e-8))
@@ -36,7 +37,10 @@ class Lobes(NamedTuple):
 
 
 class MirrorArrays(NamedTuple):
-    """As `light.prefiltered_environment.PrefilteredEnvironment`, its `SIDE`, and `LEAST_ROUGHNESS` of `light.brdf`."""
+    """As `light.prefiltered_environment.PrefilteredEnvironment`, its `SIDE`, and `LEAST_ROUGHNESS` of `light.brdf`.
+
+    Texels of `radiance` have a fourth channel, which is not used: both tables are read in fours.
+    """
 
     radiance: np.ndarray
     lobes: np.ndarray
@@ -140,6 +144,7 @@ def on_square(x, y, z):
 
 SHARE, AHEAD, UP, WIDTH = range(4)
 """As in `light.brdf`."""
+_FOUR = 4
 
 
 @part
@@ -151,20 +156,25 @@ def of_even_light(sky, to_eye, alpha_squared):
 
 
 @part
-def mirror(sky, normal, view, alpha_squared, specular):
-    """Add to specular [3] the light of a whole sky (`MirrorArrays`) in a lobe; returns that of light of 1."""
+def mirror(sky, normal, view, alpha_squared, values, specular):
+    """Add to specular [3] the light of a whole sky (`MirrorArrays`) in a lobe; returns that of light of 1.
+
+    `values` [8] is a buffer.
+    """
     along = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
     inverse = _1 / max(np.sqrt(max(_1 - along * along, _0)), _TINY)
     x, y, z = view[0] - along * normal[0], view[1] - along * normal[1], view[2] - along * normal[2]
     (row, below), (at, over), even = _row(sky, alpha_squared), _column(sky, -along), _0
+    cell = np.intp(2 * _FOUR)
+    line, nothing = np.intp(sky.lobes.shape[1]) * cell, np.intp(0)
+    weights = (_1 - over) * (_1 - below), over * (_1 - below), (_1 - over) * below, over * below
     for half in range(2):
-        share = _mixed(sky.lobes, row, below, at, over, half, SHARE)
-        ahead = _mixed(sky.lobes, row, below, at, over, half, AHEAD) * inverse
-        up = _mixed(sky.lobes, row, below, at, over, half, UP)
-        width = _mixed(sky.lobes, row, below, at, over, half, WIDTH)
-        even += share
+        first = np.intp(row) * line + np.intp(at) * cell + np.intp(half * _FOUR)
+        blend_texels(sky.lobes, first, cell, line, nothing, weights, _0, values, nothing)
+        ahead, up = values[AHEAD] * inverse, values[UP]
+        even += values[SHARE]
         dx, dy, dz = ahead * x + up * normal[0], ahead * y + up * normal[1], ahead * z + up * normal[2]
-        _add_around(sky, dx, dy, dz, width, share, specular)
+        _add_around(sky, dx, dy, dz, values[WIDTH], values[SHARE], values, specular)
     return even
 
 
@@ -195,18 +205,20 @@ def _mixed(lobes, row, below, at, over, half, value):
 
 
 @part
-def _add_around(sky, x, y, z, width, share, light):
+def _add_around(sky, x, y, z, width, share, values, light):
     """Add to light [3] a share of the mean around a direction."""
     u, v = on_square(x, y, z)
-    half, wide = np.float32(sky.side // 2), np.uintp(sky.side + 2)
+    half, wide = np.float32(sky.side // 2), sky.side + 2
     column, row = (u + _1) * half + _HALF, (v + _1) * half + _HALF
     left, top = min(max(np.int64(column), 0), sky.side), min(max(np.int64(row), 0), sky.side)
     right, below = column - np.float32(left), row - np.float32(top)
-    place = min(np.int64(width), sky.radiance.shape[1] - 2)
-    level, wider = np.uintp(place), width - np.float32(place)
-    at = np.uintp(top) * wide + np.uintp(left)
-    for level_share, k in ((share * (_1 - wider), level), (share * wider, level + np.uintp(1))):
-        for c in range(3):
-            upper = (_1 - right) * sky.radiance[at, k, c] + right * sky.radiance[at + 1, k, c]
-            lower = (_1 - right) * sky.radiance[at + wide, k, c] + right * sky.radiance[at + wide + 1, k, c]
-            light[c] += level_share * ((_1 - below) * upper + below * lower)
+    level = min(np.int64(width), sky.radiance.shape[1] - 2)
+    texel = np.intp(sky.radiance.shape[1] * _FOUR)
+    first = np.intp(top * wide + left) * texel + np.intp(level * _FOUR)
+    weights = (_1 - right) * (_1 - below), right * (_1 - below), (_1 - right) * below, right * below
+    wider = width - np.float32(level)
+    blend_texels(
+        sky.radiance, first, texel, np.intp(wide) * texel, np.intp(_FOUR), weights, wider, values, np.intp(_FOUR)
+    )
+    for c in range(3):
+        light[c] += share * values[_FOUR + c]

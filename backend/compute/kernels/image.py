@@ -101,6 +101,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
     scattered_at, arriving_at = 3 * lamps + 17, 3 * lamps + 23
     mirrored, mirroring = np.empty((2, 3), np.float32), np.empty(3, np.float32)
     even, squared, relief = np.empty(2, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
+    values = np.empty(8, np.float32)
     for index in range(first, last):
         _neighbours(len(image.row), image.width, image.pixel[index], at, around)
         for k in range(4):
@@ -116,7 +117,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
             even[lobe], mirrored[lobe, 0], mirrored[lobe, 1], mirrored[lobe, 2] = _0, _0, _0, _0
             # An avatar's surface has the second lobe alone on skin, and the first on nails.
             if weights[GLOSS + lobe] > _0 or (nail > _0 if lobe == 0 else nail < _1):
-                even[lobe] = mirror(sky, mirroring, view, squared[lobe], mirrored[lobe])
+                even[lobe] = mirror(sky, mirroring, view, squared[lobe], values, mirrored[lobe])
         # The first lobe on nails, the second on skin: what is reflected does not enter.
         of_lobes = even[1] + nail * (even[0] - even[1])
         of_surface = of_even_light(sky, -_dot(surface_normal, view), squared[1])

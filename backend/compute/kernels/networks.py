@@ -16,6 +16,8 @@ BLOCK = 6
 """Rays that are decoded, or pixels that are computed, at once."""
 GROUP = 4 * LANES
 """Outputs of a layer that are computed at once; every layer has a multiple of these."""
+MIDDLE = 128
+"""Of 256 steps: what stands for 0 where values have either sign."""
 LAST_GROUP = GROUP // 2
 """The same of the last layer, which has few."""
 _GROUP, _LANES = np.uintp(GROUP), np.uintp(LANES)
@@ -23,45 +25,47 @@ DILATION = 2
 """Pixels beside the hand that are computed too: the network softens its edges."""
 SPARE = BLOCK
 """Pixels to the right of the border, which the last block of a row may read."""
-CHANNELS = 64
-"""Of hidden layers: four vectors."""
-LAST_CHANNELS = 48
-"""Of the last layer at most: three vectors."""
+CHANNELS = 32, 48, 64
+"""Of hidden layers: two, three or four vectors; of the last layer, at most."""
 SLOPE = 0.2
 _SLOPE, _0, _1, _HALF, _TINY, _MOST = (np.float32(value) for value in (SLOPE, 0, 1, 0.5, 1e-12, 255))
 
 
 @compiled
-def decode_rays(inputs, one, two, three, steps, first, last, out):
-    """Fill out [R, outputs] for the inputs [R, C] of rays [first, last).
+def decode_rays(inputs, gains, one, two, three, steps, first, last, out):
+    """Fill out [R, outputs] for the inputs [R, C] of rays [first, last), times gains [C].
 
-    Layers are (weights [groups, 1, C, GROUP], factors [groups * GROUP], bias [groups * GROUP]). `steps` is an empty
-    fp32 array, or one uint8: the steps to which a ray's values are rounded for the second layer, whose weights are then
-    int32, four int8 each.
+    Layers are (weights [groups, 1, C, GROUP], and of [groups * GROUP] factors, bias, and what sums have too much).
+    `steps` is an empty fp32 array, or one uint8: the steps to which a ray's values are rounded for every layer, whose
+    weights are then int32, four int8 each; the inputs are counted from `MIDDLE`.
     """
-    width, columns, item = len(one[2]), inputs.shape[1], steps.itemsize
-    block, hidden = np.zeros((BLOCK, columns), np.float32), np.empty((BLOCK, width), np.float32)
-    source, scale = np.empty((BLOCK, width), steps.dtype), np.ones(BLOCK, np.float32)
-    sums, of_source = np.empty((BLOCK, GROUP), np.float32), np.empty((BLOCK, GROUP), two[0].dtype)
-    last_sums = np.empty((BLOCK, LAST_GROUP), np.float32)
-    unscaled, lanes = np.ones(BLOCK, np.float32), np.empty(LANES, np.float32)
+    width, columns, item = len(one[2]), one[0].shape[2] * (4 // steps.itemsize), steps.itemsize
+    values = np.zeros((BLOCK, (columns + LANES - 1) // LANES * LANES), np.float32)
+    hidden = np.empty((BLOCK, width), np.float32)
+    block, source = np.zeros((BLOCK, columns), steps.dtype), np.empty((BLOCK, width), steps.dtype)
+    sums, last_sums = np.empty((BLOCK, GROUP), one[0].dtype), np.empty((BLOCK, LAST_GROUP), one[0].dtype)
+    scale, lanes = np.ones(BLOCK, np.float32), np.empty(LANES, np.float32)
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
         for pixel in range(count):
-            for column in range(columns):
-                block[pixel, column] = inputs[start + pixel, column]
+            for column in range(inputs.shape[1]):
+                values[pixel, column] = inputs[start + pixel, column] * gains[column]
+        _load(values, MIDDLE, steps, scale, lanes, block)
         for group in range(len(one[0])):
-            window_sums(1, 6, 4, block, 0, 4 * columns, 0, one[0][group], sums)
-            _activate(sums, unscaled, one[1], one[2], group, hidden)
-        _load(hidden, steps, scale, lanes, source)
+            window_sums(1, 6, 4, block, 0, item * columns, 0, one[0][group], sums)
+            _activate(sums, scale, one, group, hidden)
+        _load(hidden, 0, steps, scale, lanes, source)
         for group in range(len(two[0])):
-            window_sums(1, 6, 4, source, 0, item * width, 0, two[0][group], of_source)
-            _activate(of_source, scale, two[1], two[2], group, hidden)
+            window_sums(1, 6, 4, source, 0, item * width, 0, two[0][group], sums)
+            _activate(sums, scale, two, group, hidden)
+        _load(hidden, 0, steps, scale, lanes, source)
         for begin in range(0, out.shape[1], LAST_GROUP):
-            window_sums(1, 6, 2, hidden, 0, 4 * width, 0, three[0][begin // GROUP, :, :, begin % GROUP :], last_sums)
+            weights = three[0][begin // GROUP, :, :, begin % GROUP :]
+            window_sums(1, 6, 2, source, 0, item * width, 0, weights, last_sums)
             for ray in range(count):
                 for column in range(min(LAST_GROUP, out.shape[1] - begin)):
-                    out[start + ray, begin + column] = last_sums[ray, column] + three[2][begin + column]
+                    gain = scale[ray] * three[1][begin + column]
+                    out[start + ray, begin + column] = last_sums[ray, column] * gain + three[2][begin + column]
 
 
 @compiled
@@ -106,19 +110,21 @@ def _unit(values, row, at):
 
 
 @part
-def _activate(sums, scale, factors, bias, group, hidden):
+def _activate(sums, scale, layer, group, hidden):
     begin = np.uintp(group * GROUP)  # unsigned, as numba lets signed indices count from the end
+    factors, bias, zeros = layer[1], layer[2], layer[3]
     for ray in range(BLOCK):
         gain = scale[ray]
         for column in range(_GROUP):
-            value = np.float32(sums[ray, column]) * (gain * factors[begin + column]) + bias[begin + column]
-            hidden[ray, begin + column] = max(value, _0)
+            at = begin + column
+            value = np.float32(sums[ray, column] - zeros[at]) * (gain * factors[at]) + bias[at]
+            hidden[ray, at] = max(value, _0)
 
 
 @part
-def _load(hidden, steps, scale, lanes, source):
-    """Copy values, none of them negative; round them, where there are steps, and fill each ray's scale."""
-    width = np.uintp(hidden.shape[1])
+def _load(values, middle, steps, scale, lanes, source):
+    """Copy as many values as the source takes; count them from a middle, where there are steps, and fill the scale."""
+    width = np.uintp(values.shape[1])
     for ray in range(BLOCK):
         inverse, offset = _1, _0
         if len(steps):
@@ -126,14 +132,14 @@ def _load(hidden, steps, scale, lanes, source):
                 lanes[lane] = _TINY
             for start in range(np.uintp(0), width, _LANES):
                 for lane in range(_LANES):
-                    lanes[lane] = max(lanes[lane], hidden[ray, start + lane])
+                    lanes[lane] = max(lanes[lane], abs(values[ray, start + lane]))
             most = _TINY
             for lane in range(_LANES):
                 most = max(most, lanes[lane])
-            scale[ray] = most / np.float32(steps[0])
-            inverse, offset = _1 / scale[ray], _HALF
-        for column in range(width):
-            source[ray, column] = hidden[ray, column] * inverse + offset
+            scale[ray] = most / np.float32(steps[0] - middle)
+            inverse, offset = _1 / scale[ray], np.float32(middle) + _HALF
+        for column in range(np.uintp(source.shape[1])):
+            source[ray, column] = values[ray, column] * inverse + offset
 
 
 @compiled
@@ -180,12 +186,24 @@ def fill_around(runs, values, border, first, last, image):
 
 
 @compiled
-def load_maps(maps, runs, first, last, image):
-    """Copy rows [first, last) of maps [C, h, w] into the runs of the image."""
+def load_maps(maps, gains, runs, first, last, bounds, image):
+    """Copy rows [first, last) of maps [C, h, w], times gains [C], into the runs of the image; other channels are 0.
+
+    Rows' bounds [h, 2] receive the least and the largest value.
+    """
+    channels, count = np.uintp(len(maps)), np.uintp(image.shape[2])
+    least, most = np.empty(channels, np.float32), np.empty(channels, np.float32)
     for y in range(first, last):
+        least[:], most[:] = _0, _0
         for x in range(runs[y, 0], runs[y, 1]):
-            for channel in range(len(maps)):
-                image[y + 1, x + 1, channel] = maps[channel, y, x]
+            for channel in range(channels):
+                image[y + 1, x + 1, channel] = maps[channel, y, x] * gains[channel]
+            for channel in range(channels):
+                value = image[y + 1, x + 1, channel]
+                least[channel], most[channel] = min(least[channel], value), max(most[channel], value)
+            for channel in range(channels, count):
+                image[y + 1, x + 1, channel] = _0
+        bounds[y, 0], bounds[y, 1] = _span(least, most)
 
 
 @compiled
@@ -200,38 +218,45 @@ def quantise(source, scale, zero, runs, first, last, out):
 
 @compiled
 def convolve_hidden(source, weights, factors, bias, before, is_residual, runs, first, last, bounds, out):
-    """Convolve rows [first, last) to 64 channels, leaky ReLU, and the sum with `before` if the layer is residual.
+    """Convolve rows [first, last), leaky ReLU, and the sum with `before` if the layer is residual.
 
-    Sums of products are multiplied by factors [64]. Rows' bounds [h, 2] receive the least and the largest value.
+    Sums of products are multiplied by factors. Rows' bounds [h, 2] receive the least and the largest value.
     """
-    sums, values = np.empty((BLOCK, CHANNELS), weights.dtype), np.empty(CHANNELS, np.float32)
-    least, most = np.empty(CHANNELS, np.float32), np.empty(CHANNELS, np.float32)
+    channels = np.uintp(out.shape[2])
+    sums, values = np.empty((BLOCK, weights.shape[2]), weights.dtype), np.empty(channels, np.float32)
+    least, most = np.empty(channels, np.float32), np.empty(channels, np.float32)
     for y in range(first, last):
         least[:], most[:] = np.inf, -np.inf
         for x in range(runs[y, 0], runs[y, 1], BLOCK):
             _sum_windows(source, weights, y, x, sums)
             for pixel in range(min(BLOCK, runs[y, 1] - x)):
-                for channel in range(CHANNELS):
+                for channel in range(channels):
                     value = np.float32(sums[pixel, channel]) * factors[channel] + bias[channel]
                     values[channel] = max(value, _SLOPE * value)
                 if is_residual:
-                    for channel in range(CHANNELS):
+                    for channel in range(channels):
                         values[channel] += before[y + 1, x + pixel + 1, channel]
-                for channel in range(CHANNELS):
+                for channel in range(channels):
                     out[y + 1, x + pixel + 1, channel] = values[channel]
                     least[channel] = min(least[channel], values[channel])
                     most[channel] = max(most[channel], values[channel])
-        lowest, highest = least[0], most[0]  # by a loop: numba takes half a second to compile `min`
-        for channel in range(1, CHANNELS):
-            lowest, highest = min(lowest, least[channel]), max(highest, most[channel])
-        bounds[y, 0], bounds[y, 1] = lowest, highest
+        bounds[y, 0], bounds[y, 1] = _span(least, most)
+
+
+@part
+def _span(least, most):
+    """Return the smallest and the largest: numba takes half a second to compile `min`."""
+    lowest, highest = least[0], most[0]
+    for channel in range(1, len(least)):
+        lowest, highest = min(lowest, least[channel]), max(highest, most[channel])
+    return lowest, highest
 
 
 @compiled
 def convolve_last(source, weights, factors, bias, runs, first, last, out):
     """Convolve rows [first, last) by the last layer into the doubled image [2h, 2w, D], four pixels for each."""
     channels = out.shape[2]
-    sums = np.empty((BLOCK, LAST_CHANNELS), weights.dtype)
+    sums = np.empty((BLOCK, weights.shape[2]), weights.dtype)
     for y in range(first, last):
         for x in range(runs[y, 0], runs[y, 1], BLOCK):
             _sum_windows(source, weights, y, x, sums)
@@ -245,11 +270,13 @@ def convolve_last(source, weights, factors, bias, runs, first, last, out):
 
 @part
 def _sum_windows(source, weights, y, x, sums):
-    """Fill sums [BLOCK, 64 or 48] for pixels from (x, y) on; the border's width makes theirs the windows' corners."""
+    """Fill sums [BLOCK, outputs] for pixels from (x, y) on; the border's width makes theirs the windows' corners."""
     pixel_bytes = source.itemsize * source.shape[2]
     row_bytes = pixel_bytes * source.shape[1]
     corner = y * row_bytes + x * pixel_bytes
-    if sums.shape[1] == LAST_CHANNELS:
+    if sums.shape[1] == 2 * LANES:
+        window_sums(3, 6, 2, source, corner, pixel_bytes, row_bytes, weights, sums)
+    elif sums.shape[1] == 3 * LANES:
         window_sums(3, 6, 3, source, corner, pixel_bytes, row_bytes, weights, sums)
     else:
         window_sums(3, 6, 4, source, corner, pixel_bytes, row_bytes, weights, sums)
