@@ -71,11 +71,14 @@ class LitShots:
 
     @classmethod
     def of(cls, avatar: Avatar, hand: HandModel, backend: ReferenceBackend) -> LitShots | None:
-        """Prepare an avatar; None: it has no surface or more vertices than are surfels, or the backend renders none."""
+        """Prepare an avatar; None: the backend renders none, or the avatar has what its whole frames do not know.
+
+        That is: no surface, more vertices than are surfels, or joints that pale as they bend.
+        """
         if not backend.renders_lit_frames or len(hand.v_template) > MOST_SURFELS:
             return None
         surface = avatar_surface_of(avatar, torch.device("cpu"))
-        return None if surface is None else cls(avatar, hand, surface, backend)
+        return None if surface is None or surface.joint_blood else cls(avatar, hand, surface, backend)
 
     def render(self, shot: Shot, light: Light) -> Frame | None:
         """Render a shot in a light; None: it has more of something than there is room for."""

@@ -15,6 +15,7 @@ from torch.nn.functional import avg_pool2d, conv2d, interpolate
 
 from ...hand.model import HandModel
 from ..atlas_texels import AtlasTexels
+from ..blood import DRAIN_STEP, DRAINS
 from ..detail_maps import DORSAL_SHADE, PALMAR_SHADE
 from ..detail_maps_file import (
     ATLAS_MM,
@@ -26,8 +27,9 @@ from ..detail_maps_file import (
     WIDEST_MM,
 )
 from ..detail_mesh import DetailTemplate
-from ..detail_surface import VEIN_STEP, load_detail_surface
-from .drawn_albedo import drawn_log_albedo, fold_log_albedo
+from ..detail_surface import HEIGHT_STEP_MM, PADDING, VEIN_STEP, load_detail_surface
+from .drawn_albedo import drawn_log_albedo, fold_log_albedo, joint_blood
+from .drawn_padding import drawn_padding_mm
 from .drawn_relief import drawn_relief
 from .hand_chart import HandChart, smoothstep
 from .look import PersonLook
@@ -74,7 +76,10 @@ def drawn_person(hand: HandModel, look: PersonLook, base: dict[str, np.ndarray],
     template = DetailTemplate.of(surface, hand)
     lines = veins(look.random(_VEINS))
     arrays = _relief_arrays(template, look, sizes.fine)
-    arrays["vein"] = _vein(HandChart.at_vertices(template), lines)
+    vertices = HandChart.at_vertices(template)
+    arrays["vein"] = _vein(vertices, lines)
+    arrays[PADDING] = _steps(drawn_padding_mm(vertices, look), HEIGHT_STEP_MM, np.int8)
+    arrays[DRAINS] = _steps(joint_blood(vertices, look), DRAIN_STEP, np.uint8)
     arrays["hair/share"] = _hair_share(template, look, base["hair/share"])
     return DrawnPerson(arrays, _log_albedo(template, look, lines, sizes.ratio))
 
@@ -177,6 +182,6 @@ def _gaussian(image: torch.Tensor, deviation: float) -> torch.Tensor:
     return conv2d(along, weight.reshape(1, 1, -1, 1), padding=(reach, 0))
 
 
-def _steps(values: np.ndarray, step: float, kind: type[np.signedinteger]) -> np.ndarray:
-    limit = np.iinfo(kind).max
-    return np.round(values / step).clip(-limit, limit).astype(kind)
+def _steps(values: np.ndarray, step: float, kind: type[np.integer]) -> np.ndarray:
+    limits = np.iinfo(kind)
+    return np.round(values / step).clip(max(limits.min, -limits.max), limits.max).astype(kind)
