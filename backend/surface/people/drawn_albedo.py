@@ -31,7 +31,10 @@ _NAIL = {
 }
 _SPOT = np.array([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]], np.float32)  # of a freckle at its darkest
 _COARSE_FOLD = np.float32(0.65)  # of the folds' colour: blurred, all of it is too much
-_BELOW_PIGMENT = 2.2  # more blood, by place, that shows as much redness through deep pigment as less through light
+_BELOW_PIGMENT, _PATCHES_BELOW = (
+    1.75,
+    0.85,
+)  # more blood, by place, that shows as much redness through deep pigment as less through light
 _LEAST_BLOOD = -0.34  # against the mean: paler skin would be grey
 _SOFT, _SOFT_MEAN = 0.12, 0.03  # how softly it is approached, and what that adds in the mean
 _MOON = np.array([0.55, 0.5, 0.1, 0.3, 1.0], np.float32)  # how large half-moons are, by digit
@@ -45,7 +48,7 @@ def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, l
     outer = _mixed(look, _BACK) + chart.arm[:, None] * (_mixed(look, _ARM) - _mixed(look, _BACK))
     palm = (0.9 * chart.palm)[:, None]
     skin = outer + palm * (_mixed(look, _PALM) - outer)
-    blood = look.blood - 1 + _blood(chart, noise, look) * _shown(chart, look)
+    blood = look.blood - 1 + _blood(chart, noise, look)
     skin = skin + blood[:, None] * BLOOD + _yellow(chart, noise, look)[:, None] * _YELLOW
     brown = blood * (1 - chart.palm) * np.float32(min(look.tone, 1.0))
     skin = skin + brown[:, None] * _THROUGH_PIGMENT + _pigment(chart, noise, look)[:, None] * -_PIGMENT
@@ -82,9 +85,9 @@ def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
         + 0.25 * mottle * chart.palm * noise.smooth(points[:, [0, 2, 1]], 2.2, 2)
     )
     calm = 1 - 0.65 * smoothstep(d, 22.0, -25.0)
-    total = back + palm + web + patches * (1 + (0.1 + 0.5 * look.tone) * chart.palm) * calm - 0.14
-    least = _LEAST_BLOOD * (1 - 0.25 * min(look.tone, 1.0))
-    return least + _SOFT * np.logaddexp(0, (total - least) / _SOFT) - _SOFT_MEAN
+    patches = patches * (1 + (0.1 + 0.5 * look.tone) * chart.palm) * calm - 0.14
+    total = (back + palm + web) * _shown(chart, look) + patches * (1 + _PATCHES_BELOW * look.tone * (1 - chart.palm))
+    return _LEAST_BLOOD + _SOFT * np.logaddexp(0, (total - _LEAST_BLOOD) / _SOFT) - _SOFT_MEAN
 
 
 def joint_blood(chart: HandChart, look: PersonLook) -> np.ndarray:

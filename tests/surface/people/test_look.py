@@ -48,7 +48,7 @@ def test_the_persons_surface_has_the_numbers():
 
 def test_flesh_and_tendons_go_by_age_and_build():
     girl, man, old = (
-        PersonLook.of(1, {"age": age, "build": build}) for age, build in ((24, 0.25), (30, 0.75), (74, 0.7))
+        PersonLook.of(1, {"age": age, "build": build}) for age, build in ((24.0, 0.25), (30.0, 0.75), (74.0, 0.7))
     )
     assert girl.padding > man.padding + 0.15 > old.padding + 0.3
     assert girl.tendons < man.tendons - 0.2 < old.tendons - 0.4
