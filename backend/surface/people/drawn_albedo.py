@@ -31,10 +31,8 @@ _NAIL = {
 }
 _SPOT = np.array([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]], np.float32)  # of a freckle at its darkest
 _COARSE_FOLD = np.float32(0.65)  # of the folds' colour: blurred, all of it is too much
-_BELOW_PIGMENT, _PATCHES_BELOW = (
-    1.75,
-    0.85,
-)  # more blood, by place, that shows as much redness through deep pigment as less through light
+# How much more blood shows as much redness through deep pigment as through light: joints, tips and edges, and patches.
+_BELOW_PIGMENT, _PATCHES_BELOW = 1.75, 0.85
 _LEAST_BLOOD = -0.34  # against the mean: paler skin would be grey
 _SOFT, _SOFT_MEAN = 0.12, 0.03  # how softly it is approached, and what that adds in the mean
 _MOON = np.array([0.55, 0.5, 0.1, 0.3, 1.0], np.float32)  # how large half-moons are, by digit
@@ -127,7 +125,7 @@ def _pigment(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarra
     """Compute how much more pigment [T]: soft patches, darker joints; half as much on the arm, and none in the palm."""
     tone = min(look.tone, 1.0)
     patches = (0.07 + 0.05 * tone) * noise.smooth(chart.points_mm[:, [1, 0, 2]], 11.0, 2)
-    patches += 0.08 * tone * noise.smooth(chart.points_mm[:, [2, 1, 0]], 28.0, 2)
+    patches += 0.05 * tone * noise.smooth(chart.points_mm[:, [2, 1, 0]], 28.0, 2)
     joint = chart.from_joint_mm
     over = chart.on_digit * smoothstep(chart.height, 0.1, 0.7) * (bump(joint[:, 1], 6.0) + 0.6 * bump(joint[:, 2], 4.5))
     return (1 - 0.8 * chart.palm) * ((1 - 0.5 * chart.arm) * patches + (0.05 + 0.26 * tone) * over)
