@@ -29,7 +29,7 @@ from ..detail_maps_file import (
 from ..detail_mesh import DetailTemplate
 from ..detail_surface import HEIGHT_STEP_MM, PADDING, VEIN_STEP, load_detail_surface
 from .drawn_albedo import drawn_log_albedo, fold_log_albedo, joint_blood
-from .drawn_padding import drawn_padding_mm
+from .drawn_forms import drawn_padding_mm, drawn_veins
 from .drawn_relief import drawn_relief
 from .hand_chart import HandChart, smoothstep
 from .look import PersonLook
@@ -77,7 +77,7 @@ def drawn_person(hand: HandModel, look: PersonLook, base: dict[str, np.ndarray],
     lines = veins(look.random(_VEINS))
     arrays = _relief_arrays(template, look, sizes.fine)
     vertices = HandChart.at_vertices(template)
-    arrays["vein"] = _vein(vertices, lines)
+    arrays["vein"] = _steps(drawn_veins(vertices, lines), VEIN_STEP, np.int8).clip(0, 100)
     arrays[PADDING] = _steps(drawn_padding_mm(vertices, look), HEIGHT_STEP_MM, np.int8)
     arrays[DRAINS] = _steps(joint_blood(vertices, look), DRAIN_STEP, np.uint8)
     arrays["hair/share"] = _hair_share(template, look, base["hair/share"])
@@ -109,13 +109,6 @@ def _log_albedo(template: DetailTemplate, look: PersonLook, lines: PlaneImage, r
     smooth = replace(relief, furrow=coarse(relief.furrow))
     total = drawn_log_albedo(chart, smooth, lines, look) + fold_log_albedo(dorsal, palmar)
     return texels.as_map(np.minimum(total, np.log(_MOST_ALBEDO)).astype(np.float32))
-
-
-def _vein(chart: HandChart, lines: PlaneImage) -> np.ndarray:
-    """Return where veins rise [N], in steps: on the back of hand and arm, and less on the arm's inside."""
-    up = smoothstep(chart.normals[:, 1], 0.1, 0.5) * (1 - chart.on_digit)
-    inner = 0.5 * smoothstep(-chart.normals[:, 1], 0.2, 0.7) * chart.arm
-    return _steps(lines.at(chart.points_mm) * np.maximum(up, inner), VEIN_STEP, np.int8).clip(0, 100)
 
 
 def _hair_share(template: DetailTemplate, look: PersonLook, base: np.ndarray) -> np.ndarray:

@@ -63,7 +63,7 @@ def fold_log_albedo(dorsal: np.ndarray, palmar: np.ndarray) -> np.ndarray:
 
 def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     """Compute how much redder [T] the skin is than its mean: joints, tips and edges, and patches of three sizes."""
-    own, joint = _own_places(look), chart.from_joint_mm
+    own, joint = _place_strengths(look), chart.from_joint_mm
     d, r = plane(chart.points_mm).T
     tips = smoothstep(chart.along - chart.length[chart.digit], -22.0, -3.0) * chart.on_digit
     between = chart.on_digit * chart.palm * (bump(joint[:, 1] - 11, 6.0) + bump(joint[:, 1] + 13, 7.0))
@@ -94,7 +94,7 @@ def joint_blood(chart: HandChart, look: PersonLook) -> np.ndarray:
 
 
 def _joint_redness(chart: HandChart, look: PersonLook) -> np.ndarray:
-    own, joint = _own_places(look), chart.from_joint_mm
+    own, joint = _place_strengths(look), chart.from_joint_mm
     knuckles = bump(joint[:, 0] - 1, 8.5) * bump(chart.lateral, 8.0) * (1 - chart.palm) * (chart.digit != THUMB)
     of_joints = 0.72 * own[0] * bump(joint[:, 1], 7.0) + 0.6 * own[1] * bump(joint[:, 2], 5.5)
     return 0.62 * own[6] * knuckles + chart.on_digit * _dorsal(chart) * of_joints
@@ -109,7 +109,7 @@ def _shown(chart: HandChart, look: PersonLook) -> np.ndarray:
     return 1 + _BELOW_PIGMENT * look.tone * (1 - chart.palm)
 
 
-def _own_places(look: PersonLook) -> np.ndarray:
+def _place_strengths(look: PersonLook) -> np.ndarray:
     return look.random(_BLOOD_PURPOSE + 100).uniform(0.7, 1.3, 8)
 
 

@@ -1,7 +1,7 @@
-"""The flesh of an invented person's back: it fills the hollows between the metacarpals, more of some than of others.
+"""What rises on an invented person's hand: veins, and flesh in the hollows between the metacarpals.
 
 A ball that rolls over the back across the hand dips so far between two metacarpals; flesh fills a share of what it
-leaves free.
+leaves free, more of some people than of others.
 """
 
 from __future__ import annotations
@@ -16,9 +16,16 @@ _START_MM, _END_MM, _TEXEL_MM = (0.0, -44.0), (96.0, 44.0), 1.0
 _BALL_MM, _REACH_MM = 250.0, 14
 _SPREAD_MM = 1.6  # deviation of the weights of vertices around a texel, and of what smooths the padding
 _ON_BACK = 0.3, 0.6  # of the normal's dorsal part
-_MOST_MM = 3.0
+_MOST_MM, _LEAST_COUNT = 3.0, 1e-4
 # Where along the hand and how far across it the outermost metacarpals lie, and how wide each is.
 _LITTLE_RAY_MM, _INDEX_RAY_MM, _AT_RAY_MM = ((25.0, 77.0), (-17.0, -31.0)), ((27.0, 92.0), (12.0, 25.5)), 5.0
+
+
+def drawn_veins(chart: HandChart, lines: PlaneImage) -> np.ndarray:
+    """Return where veins rise [N], 1 at the highest: on the back of hand and arm, and less on the arm's inside."""
+    up = smoothstep(chart.normals[:, 1], 0.1, 0.5) * (1 - chart.on_digit)
+    inner = 0.5 * smoothstep(-chart.normals[:, 1], 0.2, 0.7) * chart.arm
+    return lines.at(chart.points_mm) * np.maximum(up, inner)
 
 
 def drawn_padding_mm(chart: HandChart, look: PersonLook) -> np.ndarray:
@@ -37,15 +44,14 @@ def drawn_padding_mm(chart: HandChart, look: PersonLook) -> np.ndarray:
 def _height_image(chart: HandChart, on_back: np.ndarray) -> np.ndarray:
     """Return the heights [H, W] of the back over the plane, mm, as means of the vertices around."""
     shape = tuple(round((end - start) / _TEXEL_MM) for start, end in zip(_START_MM, _END_MM, strict=True))
-    at = (plane(chart.points_mm[on_back]) - np.array(_START_MM, np.float32)) / _TEXEL_MM
-    row, column = (np.round(at).astype(int).T + 6).clip(0, np.array(shape)[:, None] + 11)
-    sums, count = np.zeros((shape[0] + 12, shape[1] + 12)), np.zeros((shape[0] + 12, shape[1] + 12))
-    np.add.at(sums, (row, column), chart.points_mm[on_back, 1])
-    np.add.at(count, (row, column), 1)
+    texel = np.round((plane(chart.points_mm) - np.array(_START_MM, np.float32)) / _TEXEL_MM).astype(int)
+    taken = on_back & (texel >= 0).all(1) & (texel < shape).all(1)
+    at, height = tuple(texel[taken].T), chart.points_mm[taken, 1]
+    sums, count = np.zeros(shape), np.zeros(shape)
+    np.add.at(sums, at, height)
+    np.add.at(count, at, 1)
     count = _smoothed(count)
-    lowest = chart.points_mm[on_back, 1].min()
-    means = np.where(count > 1e-4, _smoothed(sums) / count.clip(1e-4), lowest)
-    return means[6:-6, 6:-6]
+    return np.where(count > _LEAST_COUNT, _smoothed(sums) / count.clip(_LEAST_COUNT), height.min())
 
 
 def _closed_across(heights: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.surface.people.drawn_padding import drawn_padding_mm
+from livehand.backend.surface.people.drawn_forms import drawn_padding_mm
 from livehand.backend.surface.people.hand_chart import HandChart
 from livehand.backend.surface.people.look import PersonLook
 from livehand.backend.surface.people.skin_lines import plane
