@@ -29,7 +29,12 @@ def drawn_veins(chart: HandChart, lines: PlaneImage) -> np.ndarray:
 
 
 def drawn_padding_mm(chart: HandChart, look: PersonLook) -> np.ndarray:
-    """Compute how high [N] flesh rises along the normals of a chart's vertices, mm."""
+    """Compute how high [N] flesh rises along the normals of a chart's vertices, mm.
+
+    Args:
+        chart: at the vertices of the surface.
+        look: of the person; age and build say which share of the hollows is filled.
+    """
     up = smoothstep(chart.normals[:, 1], *_ON_BACK) * (1 - chart.on_digit)
     heights = _height_image(chart, up > 0)
     hollow = _smoothed(_closed_across(heights) - heights)
@@ -42,7 +47,10 @@ def drawn_padding_mm(chart: HandChart, look: PersonLook) -> np.ndarray:
 
 
 def _height_image(chart: HandChart, on_back: np.ndarray) -> np.ndarray:
-    """Return the heights [H, W] of the back over the plane, mm, as means of the vertices around."""
+    """Return the heights [H, W] of the back over the plane, mm, as means of the vertices around.
+
+    Where there are none it is as low as the lowest.
+    """
     shape = tuple(round((end - start) / _TEXEL_MM) for start, end in zip(_START_MM, _END_MM, strict=True))
     texel = np.round((plane(chart.points_mm) - np.array(_START_MM, np.float32)) / _TEXEL_MM).astype(int)
     taken = on_back & (texel >= 0).all(1) & (texel < shape).all(1)
