@@ -17,9 +17,10 @@ from ..hand.model import HandModel
 from ..records.errors import LiveHandError
 from ..surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
 from ..surface.base_surface import whole_surface
+from ..surface.blood import drains_of, place_log_albedo
 from ..surface.detail_maps import DORSAL_SHADE, PALMAR_SHADE, PIGMENT_COLOUR
 from ..surface.detail_maps_file import skin_detail_of
-from ..surface.detail_surface import VEIN_STEP
+from ..surface.detail_surface import detail_surface_of
 from ..surface.stored_surface import StoredSurface
 from .avatar import Avatar
 from .file import load_avatar
@@ -33,6 +34,7 @@ channels alike; beyond them of a ball of that skin under an even sky."""
 SCATTERED_IN_NAILS = 0.4
 """Share of light that is scattered under a nail; the rest is reflected at once."""
 _REFLECTED_AT_ONCE = 0.95
+_BLOOD_DRAWN_OUT = 0.7  # of joints, usually
 _BOX, _LEAST_SHARE = 23, 1e-3  # texels of a blur of the networks' map: twice of it has a deviation of 5 mm
 
 
@@ -48,7 +50,8 @@ class WornTextures:
         heights: [R, R, 3] of relief, mm, and of folds and creases, 1 at the deepest.
         fold_shade: [R, R, 2] of folds and creases that the color lacks, as `shading_detail.FOLD_LOG_ALBEDO` counts it.
         gloss: [Q, Q, 2] roughness of the skin, and 1 on nails.
-        vein: [N] where veins rise, at the vertices of the second subdivision.
+        vein, padding_mm: [N] where veins rise and how high flesh does, at the vertices of the second subdivision.
+        drains: [N] blood that leaves where bending makes the skin tight (`surface.blood`), at these; None: none.
     """
 
     surface: StoredSurface
@@ -59,11 +62,21 @@ class WornTextures:
     fold_shade: np.ndarray
     gloss: np.ndarray
     vein: np.ndarray
+    padding_mm: np.ndarray
+    drains: np.ndarray | None
 
     @property
     def person(self) -> Person:
         """Whose skin it is, in numbers."""
         return self.surface.person
+
+    @property
+    def joint_log_color(self) -> np.ndarray:
+        """By how much [3] blood of 1 changes the logarithm of the base color of such skin."""
+        log_albedo = place_log_albedo(self.person.melanin)
+        usual = np.log(np.median(self.reflectance.reshape(-1, 3), 0))
+        paler = _looked_up(usual - _BLOOD_DRAWN_OUT * log_albedo, REFLECTANCE)
+        return (np.log(_looked_up(usual, REFLECTANCE)) - np.log(paler)) / _BLOOD_DRAWN_OUT
 
     def base_color(self, trained_color: np.ndarray, trained_nail: np.ndarray) -> np.ndarray:
         """Compute the base color [R, R, 3] by which Cycles' skin shows this person.
@@ -107,6 +120,7 @@ def worn_textures(avatar: Avatar, hand: HandModel) -> WornTextures:
         )
     surface, shown = whole_surface(avatar.surface), network_albedo(avatar, hand, FIELD_RESOLUTION)
     detail, melanin = skin_detail_of(surface.arrays), surface.person.melanin
+    raised = detail_surface_of(surface.arrays).raised
     fine, coarse, resolution = detail.fine, detail.coarse, len(detail.fine.relief_mm)
     pairs = (fine.relief_mm, coarse.relief_mm), (fine.dorsal, coarse.dorsal), (fine.palmar, coarse.palmar)
     pigment = (1 - melanin) * fine.pigment_light + melanin * fine.pigment_deep
@@ -122,7 +136,9 @@ def worn_textures(avatar: Avatar, hand: HandModel) -> WornTextures:
         heights=np.stack([narrow + _widened(wide[..., None], resolution)[..., 0] for narrow, wide in pairs], -1),
         fold_shade=np.stack([DORSAL_SHADE * fine.dorsal, PALMAR_SHADE * fine.palmar], -1),
         gloss=np.stack([detail.roughness, detail.nail], -1),
-        vein=surface.arrays["vein"] * np.float32(VEIN_STEP),
+        vein=raised.vein,
+        padding_mm=raised.padding_mm,
+        drains=drains_of(surface.arrays),
     )
 
 

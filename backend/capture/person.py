@@ -17,6 +17,7 @@ _RANGES = {
     "veins_mm": (0.0, 1.0),
     "folds": (0.0, 2.0),
     "freckles": (0.0, 3.0),
+    "tendons": (0.0, 2.0),
     "beta": (-3.0, 3.0),
     "nail_polish": (0.0, 1.0),
 }
@@ -33,6 +34,7 @@ class Person:
         veins_mm: height of the veins on the back of the hand.
         folds: depth of folds and creases; 1 is a young adult's, more is older.
         freckles: strength of freckles and spots; 1 is usual.
+        tendons: how far those of lifted fingers stand out; 1 is a lean man's.
         beta: [10] shape coefficients.
         nail_polish: linear Rec.709, or None.
     """
@@ -42,12 +44,14 @@ class Person:
     veins_mm: float = 0.25
     folds: float = 1.0
     freckles: float = 1.0
+    tendons: float = 1.0
     beta: tuple[float, ...] = (0.0,) * _BETAS
     nail_polish: tuple[float, float, float] | None = None
 
     def facts(self) -> dict:
-        """Write out the person's numbers, as a JSON file holds them."""
-        return asdict(self)
+        """Write out the person's numbers, as a JSON file holds them; usual tendons go without saying, as before."""
+        facts = asdict(self)
+        return {name: value for name, value in facts.items() if name != "tendons" or value != Person.tendons}
 
 
 PERSONS = {

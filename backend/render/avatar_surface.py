@@ -17,6 +17,7 @@ from ..records.shot import HandPose
 from ..records.side import Side
 from ..surface.albedo_ratio import MARKS_ARRAYS, AlbedoRatio
 from ..surface.base_surface import whole_surface
+from ..surface.blood import JointBlood
 from ..surface.detail_maps import DetailMaps, SkinLook
 from ..surface.detail_maps_file import SkinFlexion, skin_detail_of
 from ..surface.detail_mesh import DetailMesh, DetailTemplate, skin_motion_of
@@ -40,6 +41,7 @@ class AvatarSurface:
         veins_mm: height of veins.
         hair_albedo: of hairs, RGB.
         hair_growth: where hairs grow, and how.
+        joint_blood: that bending draws out of the joints; None: the networks know all that poses do to their colour.
     """
 
     maps: DetailMaps
@@ -49,6 +51,7 @@ class AvatarSurface:
     veins_mm: float
     hair_albedo: tuple[float, ...]
     hair_growth: HairGrowth
+    joint_blood: JointBlood | None = None
 
     def maps_of(self, side: Side) -> DetailMaps:
         """Return the detail of one hand."""
@@ -119,8 +122,9 @@ def _posable(surface: StoredSurface, device: torch.device) -> AvatarSurface:
         maps=maps._replace(ratio=right),
         left_ratio=AlbedoRatio.of_side(arrays, "left", device) if has_marks else right,
         bend=detail.bend,
-        surface=detail_surface_of(arrays),
+        surface=detail_surface_of(arrays).with_tendons(person.tendons),
         veins_mm=person.veins_mm,
         hair_albedo=hair_albedo(person.melanin),
         hair_growth=HairGrowth(arrays["hair/share"], surface.hair),
+        joint_blood=JointBlood.of(arrays, person.melanin, device),
     )

@@ -35,7 +35,7 @@ from ..records.frame import Frame, empty_frame
 from ..records.light import Light
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
-from ..surface.blood import Blanching
+from ..surface.blood import DRAINS, Blanching
 from ..surface.detail_mesh import DetailTemplate
 from ..surface.hair_growth import Hairs
 from .albedo import vertex_albedo
@@ -66,6 +66,8 @@ def reason_of_avatar(avatar: Avatar, hand: HandModel) -> str | None:
         return "its avatar has its capture's light baked in"
     if avatar.surface is None:
         return "its avatar has no surface of its own"
+    if DRAINS in avatar.surface.arrays:
+        return "its avatar's joints pale as they bend"
     if len(hand.v_template) > MOST_SURFELS:
         return f"its hand has more than {MOST_SURFELS} vertices"
     return None

@@ -36,14 +36,14 @@ class SurfaceInView(NamedTuple):
         mesh: posed.
         hits: where the rays of all low-resolution pixels meet it.
         hairs: on it; None: it shows none.
-        pressed: where it is pressed; None: nowhere.
+        pale: where it lacks blood; None: nowhere.
     """
 
     maps: DetailMaps
     mesh: DetailMesh
     hits: RayHits
     hairs: PosedHairs | None = None
-    pressed: Blanching | None = None
+    pale: Blanching | None = None
 
     def met(self, hand: HandInView) -> HandInView:
         """Return the hand as rays of its field meet it, which end on the surface."""
@@ -103,11 +103,16 @@ class SurfacePoser:
         levels = self.levels(shot.pose.side)
         template = levels.visible_in(hand) if shot.quality == "preview" else levels.finest
         surface = self.in_view(shot.pose, hand, template)
-        if shot.pressed_m is not None:
-            surface = surface._replace(pressed=Blanching.of(shot.pressed_m, template))
+        surface = surface._replace(pale=self._blanching(shot, surface.mesh, template))
         if shot.hair == 0 or shot.quality == "preview":
             return surface
         return surface._replace(hairs=PosedHairs.of(self.hairs.first(shot.hair), surface.mesh, self.skin.hair_albedo))
+
+    def _blanching(self, shot: Shot, mesh: DetailMesh, template: DetailTemplate) -> Blanching | None:
+        joints = None if self.skin.joint_blood is None else self.skin.joint_blood.blanching(mesh.flex)
+        if shot.pressed_m is None:
+            return joints
+        return Blanching.of(shot.pressed_m, template).and_of(joints)
 
     def in_view(self, pose: HandPose, hand: HandInView, template: DetailTemplate | None = None) -> SurfaceInView:
         """Return the surface over a hand in this pose; `template` as in `mesh`."""

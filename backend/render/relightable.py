@@ -236,8 +236,8 @@ class RelightablePipeline(Pipeline):
         seen = self.backend.visible_surface(surface.mesh, full)
         image = networks.enlarged(met, rays, SurfaceDepth(seen.depth, edge_m))
         image = self.backend.detailed_image(image, seen, surface.mesh, full, surface.maps)
-        if surface.pressed is not None:
-            image = surface.pressed.paled(image, seen, surface.mesh, full)
+        if surface.pale is not None:
+            image = surface.pale.paled(image, seen, surface.mesh, full)
         hairs = None if surface.hairs is None else visible_hairs(surface.hairs, full, image.depth, met.pixel)
         return image, SurfaceLayer(
             met.on_surface(surface.mesh), SurfaceDepth(surface.hits.depth, edge_m), seen.edges, hairs

@@ -12,7 +12,7 @@ retargeted hands have a detail surface, too.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,6 +41,15 @@ class PoseForm:
     full_deg: Degrees
     height_mm: np.ndarray
 
+    @property
+    def is_of_extension(self) -> bool:
+        """Whether it shows where a joint is lifted, as extensor tendons do."""
+        return self.full_deg < self.start_deg
+
+    def scaled(self, factor: float) -> PoseForm:
+        """Return the form so many times as high."""
+        return replace(self, height_mm=self.height_mm * np.float32(factor))
+
     def share(self, flexion_deg: Degrees) -> float:
         """Compute the share of the full height, in [0, 1]."""
         bent = min(max((flexion_deg - self.start_deg) / (self.full_deg - self.start_deg), 0.0), 1.0)
@@ -55,11 +64,20 @@ class PoseDisplacement:
         forms: that the pose raises.
         vein: [N] 0 to 1 where veins are highest.
         flexion: [16, 3] unit axes about which joints bend, right hand, template frame; zero for the wrist.
+        padding_mm: [N] that rises in every pose: flesh in hollows.
     """
 
     forms: tuple[PoseForm, ...]
     vein: np.ndarray
     flexion: np.ndarray
+    padding_mm: np.ndarray
+
+    def with_tendons(self, strength: float) -> PoseDisplacement:
+        """Return what rises on a person whose tendons of lifted fingers stand out so far; 1: as they are."""
+        if strength == 1:
+            return self
+        forms = (form.scaled(strength) if form.is_of_extension else form for form in self.forms)
+        return replace(self, forms=tuple(forms))
 
     def height_mm(self, theta: np.ndarray, veins_mm: float, forearm: np.ndarray | None = None) -> np.ndarray:
         """Compute heights [N] of the right hand in a pose theta [16, 3], rad; `forearm` as in `HandPose`.
@@ -67,7 +85,7 @@ class PoseDisplacement:
         Veins of `veins_mm` are a quarter lower in a flat hand and a quarter higher in a clenched one.
         """
         clenched, *shares = self.shares(theta, forearm)
-        height = veins_mm * (_FLAT_VEINS + _CLENCHED_VEINS * clenched) * self.vein
+        height = veins_mm * (_FLAT_VEINS + _CLENCHED_VEINS * clenched) * self.vein + self.padding_mm
         form, vertex, form_mm = self._vertices_of_forms
         of_forms = np.bincount(vertex, np.array(shares)[form] * form_mm, len(height))
         return height + of_forms.astype(height.dtype)
@@ -96,6 +114,8 @@ LEVELS = 2
 """Of subdivision."""
 OFFSET_STEP_M, HEIGHT_STEP_MM, VEIN_STEP = 1e-6, 0.025, 0.01
 """What one step of the stored whole numbers is worth."""
+PADDING = "padding"
+"""The array of a person's own flesh, which a surface may lack."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +129,10 @@ class DetailSurface:
 
     offset_m: np.ndarray
     raised: PoseDisplacement
+
+    def with_tendons(self, strength: float) -> DetailSurface:
+        """Return it as `PoseDisplacement.with_tendons`."""
+        return replace(self, raised=self.raised.with_tendons(strength))
 
 
 def surface_arrays(surface: DetailSurface) -> dict[str, np.ndarray]:
@@ -136,7 +160,9 @@ def detail_surface_of(arrays: Mapping[str, np.ndarray]) -> DetailSurface:
         PoseForm(int(joint), float(start), float(full), height)
         for joint, (start, full), height in zip(arrays["form/joint"], arrays["form/range_deg"], heights_mm, strict=True)
     ]
-    raised = PoseDisplacement(tuple(forms), arrays["vein"] * np.float32(VEIN_STEP), arrays["flexion"])
+    vein = arrays["vein"] * np.float32(VEIN_STEP)
+    padding_mm = arrays[PADDING] * np.float32(HEIGHT_STEP_MM) if PADDING in arrays else np.zeros_like(vein)
+    raised = PoseDisplacement(tuple(forms), vein, arrays["flexion"], padding_mm)
     return DetailSurface(arrays["offset"] * np.float32(OFFSET_STEP_M), raised)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,6 +56,8 @@ ARRAYS: Mapping[str, ArraySpec] = {
     "unresolved": ArraySpec("int8", (2, "U", "U")),
     "hair/share": ArraySpec("float32", ("M", "H"), 0, 1),
     "albedo/ratio": ArraySpec("int8", ("A", "A", 3), -127, 127, is_optional=True),
+    "padding": ArraySpec("int8", ("N",), is_optional=True),
+    "drains": ArraySpec("uint8", ("N",), is_optional=True),
     "confidence": ArraySpec("uint8", ("C", "C"), is_optional=True),
     "marks/right": ArraySpec("uint8", ("K", "K"), is_optional=True),
     "marks/left": ArraySpec("uint8", ("L", "L"), is_optional=True),
@@ -85,7 +87,7 @@ class StoredSurface:
     def description(self) -> dict[str, Any]:
         """Return everything but the arrays, as the header of a file holds it."""
         regions = [{"name": name, **region._asdict()} for name, region in self.hair.items()]
-        return {"hand_sha256": self.hand_sha256, "base": self.base, "person": asdict(self.person), "hair": regions}
+        return {"hand_sha256": self.hand_sha256, "base": self.base, "person": self.person.facts(), "hair": regions}
 
 
 def stored_surface(description: object, arrays: Mapping[str, np.ndarray], source: str) -> StoredSurface:

@@ -51,6 +51,8 @@ class DetailedSurface:
         flex_axis: [16, 3] unit flexion axes of the joints, template frame; zero for the wrist.
         normals: [N, 3] unit, at rest.
         forms: heights along the normals that the pose raises.
+        padding_mm: [N] heights along the normals of a person's own flesh in hollows.
+        drains: [N] a person's own blood that leaves joints as they bend (`surface.blood`).
     """
 
     vertices_m: np.ndarray
@@ -63,11 +65,13 @@ class DetailedSurface:
     flex_axis: np.ndarray
     normals: np.ndarray
     forms: tuple[PoseForm, ...]
+    padding_mm: np.ndarray
+    drains: np.ndarray
 
     @property
     def raised(self) -> PoseDisplacement:
         """Veins and forms of the pose."""
-        return PoseDisplacement(self.forms, self.masks["vein"], self.flex_axis)
+        return PoseDisplacement(self.forms, self.masks["vein"], self.flex_axis, self.padding_mm)
 
     def relief_m(self, theta: np.ndarray, veins_mm: float = 0.0, forearm: np.ndarray | None = None) -> np.ndarray:
         """Compute [N, 3] offsets at rest, m, of what the pose theta [16, 3] rad raises, and of veins of this height.
@@ -76,15 +80,27 @@ class DetailedSurface:
         """
         return 1e-3 * self.raised.height_mm(theta, veins_mm, forearm)[:, None] * self.normals
 
-    def with_veins(self, model: HandModel, vein: np.ndarray) -> DetailedSurface:
-        """Return the surface with a person's own veins [K], given at the vertices of any of its subdivisions."""
+    def with_tendons(self, strength: float) -> DetailedSurface:
+        """Return the surface of a person whose tendons of lifted fingers stand out so far; 1: as they are."""
+        return replace(self, forms=self.raised.with_tendons(strength).forms)
+
+    def worn(
+        self, model: HandModel, vein: np.ndarray, padding_mm: np.ndarray, drains: np.ndarray | None
+    ) -> DetailedSurface:
+        """Return the surface with a person's own veins, flesh and blood [K], as `at_vertices` takes them."""
+        own = replace(self, masks={**self.masks, "vein": self.at_vertices(model, vein)})
+        own = replace(own, padding_mm=self.at_vertices(model, padding_mm))
+        return own if drains is None else replace(own, drains=self.at_vertices(model, drains))
+
+    def at_vertices(self, model: HandModel, values: np.ndarray) -> np.ndarray:
+        """Interpolate values [K], given at the vertices of any of its subdivisions, at its own vertices [N]."""
         faces, count = model.f, len(model.v_template)
         while count < len(self.vertices_m):
             step = loop_step(faces, count)
-            if len(vein) == count:
-                vein = np.bincount(step.row, step.value * vein[step.column], step.vertex_count)
+            if len(values) == count:
+                values = np.bincount(step.row, step.value * values[step.column], step.vertex_count)
             faces, count = step.faces, step.vertex_count
-        return replace(self, masks={**self.masks, "vein": vein[:count]})
+        return values[:count]
 
 
 def detailed_surface(model: HandModel, levels: int = 3) -> DetailedSurface:
@@ -113,6 +129,8 @@ def detailed_surface(model: HandModel, levels: int = 3) -> DetailedSurface:
         flex_axis=FingerAxes.of_default_hand().flexion,
         normals=normals,
         forms=pose_forms(rays, swap_distal(vertices)),
+        padding_mm=np.zeros(len(vertices)),
+        drains=np.zeros(len(vertices)),
     )
 
 

@@ -39,8 +39,8 @@ def dressed_surface(hand: DressedHand, maps_folder: Path) -> SkinSurface:
     The folder gets the baked maps of the person whom the avatar's networks know, or has them.
     """
     textures = hand.textures
-    detail = detailed_surface(hand.model).with_veins(hand.model, textures.vein)
-    surface = SkinSurface.create(hand.model, detail, textures.person.veins_mm)
+    detail = detailed_surface(hand.model).worn(hand.model, textures.vein, textures.padding_mm, textures.drains)
+    surface = SkinSurface.create(hand.model, detail.with_tendons(textures.person.tendons), textures.person.veins_mm)
     known = bake_skin(surface.object, maps_folder, SkinTone.of(textures.trained_on), _BAKED_PX)
     size = len(textures.network_albedo)
     is_nail = _map(known["mask"], size)[..., 1] < _LEAST_SCATTERED
@@ -82,6 +82,10 @@ def worn_material(textures: WornTextures, base_color: np.ndarray) -> bpy.types.M
     tone = SkinTone.of(textures.person)
     blanch = graph.product(graph.math("MULTIPLY", graph.attribute("knuck"), flex, clamp=True), tone.blanched)
     colour = graph.mix(blanch, texture("base color", base_color), tone.blanch)
+    drained = graph.attribute("drained")
+    logs = (-float(log) for log in textures.joint_log_color)
+    paler = graph.combine(*(graph.math("EXPONENT", graph.product(drained, log)) for log in logs))
+    colour = graph.mix(1.0, colour, paler, "MULTIPLY")
     shade = graph.total(graph.product(dorsal_shade, of_dorsal), graph.product(palmar_shade, of_palmar))
     darker = graph.combine(*(graph.math("EXPONENT", graph.product(shade, log)) for log in FOLD_LOG_ALBEDO))
     rough = graph.total(graph.product(skin_roughness, graph.one_minus(nail)), graph.product(nail, NAIL_ROUGHNESS))

@@ -156,7 +156,8 @@ def builtin_surface(
 
     An image over the atlas may multiply the skin's albedo.
     """
-    surface, tone = SkinSurface.create(model, detailed_surface(model), person.veins_mm), SkinTone.of(person)
+    detail, tone = detailed_surface(model).with_tendons(person.tendons), SkinTone.of(person)
+    surface = SkinSurface.create(model, detail, person.veins_mm)
     maps = bake_skin(surface.object, maps_folder, tone)
     surface.object.data.materials.append(baked_material(maps, tone, factor))
     return surface

@@ -15,6 +15,7 @@ from ...backend.geometry.torch_rotation import axis_angle_to_matrix
 from ...backend.hand.lbs import SkinTensors, forearm_offsets, joint_transforms
 from ...backend.hand.model import HandModel
 from ...backend.records.shot import HandPose
+from ...backend.surface.blood import tightness
 from ...backend.surface.detail_maps_file import SkinFlexion
 from ...backend.teacher.dependencies import needs
 from ...backend.teacher.detailed_surface import DetailedSurface
@@ -24,7 +25,7 @@ from .skin import MASKS, UV_LAYER
 with needs("scipy"):
     from scipy.spatial import KDTree
 
-_POSE_ATTRIBUTES = ("flex", "crossing")
+_POSE_ATTRIBUTES = ("flex", "crossing", "drained")
 _CROSSING_REACH_M = 0.005  # from a line where parts cross: as far as light is scattered under the skin
 
 
@@ -55,7 +56,10 @@ class SkinSurface:
         mesh = self.object.data
         vertices = self.posed_vertices(pose).astype(np.float32)
         mesh.vertices.foreach_set("co", vertices.ravel())
-        mesh.attributes["flex"].data.foreach_set("value", self._flex(pose.theta).astype(np.float32))
+        flex = self._flex(pose.theta).astype(np.float32)
+        mesh.attributes["flex"].data.foreach_set("value", flex)
+        drained = self.detail.drains * tightness(torch.as_tensor(flex)).numpy()
+        mesh.attributes["drained"].data.foreach_set("value", drained.astype(np.float32))
         mesh.attributes["crossing"].data.foreach_set("value", crossing(vertices, self.detail.faces))
         mesh.update()
 

@@ -9,6 +9,7 @@ from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.avatars.worn_textures import BASE_COLOR, REFLECTANCE, WornTextures, worn_textures
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
+from livehand.backend.surface.blood import place_log_albedo
 
 SIZE = 64
 
@@ -25,7 +26,17 @@ def textures(light):
     gloss[:, SIZE // 2 :, 1] = 1
     shown = 1.1 * reflected(known)
     empty = np.zeros((SIZE, SIZE, 3))
-    return WornTextures(light.surface, shown, shown, light.surface.person, empty, empty[..., :2], gloss, np.zeros(1))
+    none, person = np.zeros(1), light.surface.person
+    return WornTextures(light.surface, shown, shown, person, empty, empty[..., :2], gloss, none, none, None)
+
+
+def test_blood_of_joints_changes_the_base_color_by_as_much_as_cycles_needs(textures):
+    """What skin reflects with so much less blood, by the table, is what the changed base color reflects."""
+    log_color, log_albedo = textures.joint_log_color, place_log_albedo(textures.person.melanin)
+    median = np.log(np.median(textures.reflectance.reshape(-1, 3), 0))
+    color = np.interp(median, np.log(REFLECTANCE), np.log(BASE_COLOR)) - 0.7 * log_color
+    assert np.log(reflected(np.exp(color))) - median == pytest.approx(-0.7 * log_albedo, abs=0.02)
+    assert (np.abs(log_color) < np.abs(log_albedo)).all()
 
 
 @pytest.fixture(scope="module")

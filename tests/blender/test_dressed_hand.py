@@ -23,7 +23,11 @@ def textures():
     person = SimpleNamespace(melanin=0.0, blood=1.0, folds=1.5, freckles=0.0, nail_polish=None)
     square = np.ones((SIZE, SIZE, 3), np.float32)
     return SimpleNamespace(
-        person=person, heights=(0.1, 0.2, 0.3) * square, fold_shade=0.4 * square[..., :2], gloss=0.5 * square[..., :2]
+        person=person,
+        heights=(0.1, 0.2, 0.3) * square,
+        fold_shade=0.4 * square[..., :2],
+        gloss=0.5 * square[..., :2],
+        joint_log_color=np.array((-0.02, -0.3, -0.35)),
     )
 
 
@@ -78,7 +82,14 @@ def test_the_material_shows_the_person_s_colors_folds_and_nails(textures):
         assert (red, green, blue) == pytest.approx(expected, rel=0.01)
 
 
-def colors_of(material, flexes):
+def test_skin_without_the_blood_of_its_joint_is_paler(textures):
+    bpy.ops.wm.read_homefile(use_empty=True)
+    material = worn_material(textures, np.full((SIZE, SIZE, 3), (0.6, 0.4, 0.3), np.float32))
+    full, drained = colors_of(material, (0.0, 0.8), "drained")
+    assert drained / full == pytest.approx(np.exp(0.8 * np.array((0.02, 0.3, 0.35))), rel=0.01)
+
+
+def colors_of(material, flexes, attribute="flex"):
     """The base color of a plane of this material at each bend, as Cycles emits it."""
     tree = material.node_tree
     shader = tree.nodes["Principled BSDF"]
@@ -89,7 +100,7 @@ def colors_of(material, flexes):
     plane = bpy.context.object
     plane.data.uv_layers[0].name = "uv"
     plane.data.materials.append(material)
-    plane.data.attributes.new("flex", "FLOAT", "POINT")
+    plane.data.attributes.new(attribute, "FLOAT", "POINT")
     target = tree.nodes.new("ShaderNodeTexImage")
     target.image = bpy.data.images.new("baked", 4, 4, float_buffer=True)
     target.image.colorspace_settings.name = "Non-Color"
@@ -97,6 +108,6 @@ def colors_of(material, flexes):
     bpy.context.scene.render.engine = "CYCLES"
     bpy.context.scene.cycles.samples = 1
     for flex in flexes:
-        plane.data.attributes["flex"].data.foreach_set("value", [flex] * 4)
+        plane.data.attributes[attribute].data.foreach_set("value", [flex] * 4)
         bpy.ops.object.bake(type="EMIT")
         yield np.array(target.image.pixels[:]).reshape(4, 4, 4)[1, 1, :3]

@@ -44,3 +44,10 @@ def test_a_file_out_of_range_is_an_error(tmp_path, text, rule):
 def test_an_unknown_name_lists_the_known_ones():
     with pytest.raises(LiveHandError, match="light, middle, deep, old or a JSON file, got 'nobody'"):
         find_person("nobody")
+
+
+def test_usual_tendons_go_without_saying_so_that_files_of_before_keep_their_identity(tmp_path):
+    assert "tendons" not in Person().facts()
+    weak, path = Person(tendons=0.4), tmp_path / "someone.json"
+    path.write_text(json.dumps(weak.facts()))
+    assert find_person(str(path)) == weak

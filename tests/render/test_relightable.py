@@ -14,6 +14,7 @@ from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
+from livehand.backend.hand.posed_bones import bone_frames
 from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
@@ -24,7 +25,8 @@ from livehand.backend.render.primary_hits import HitSurface
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.render.surface_maps import surface_maps
 from livehand.backend.surface.base_surface import surface_of_person
-from livehand.backend.surface.blood import BLOOD_LOG_ALBEDO
+from livehand.backend.surface.blood import BLOOD_LOG_ALBEDO, place_log_albedo
+from livehand.backend.surface.detail_maps_file import load_surface_detail
 
 pytestmark = pytest.mark.slow
 
@@ -359,6 +361,31 @@ def test_a_pressed_fingertips_nail_is_paler(renderer, shot, hand):
     grown = pressed.rgb[is_skin] / before.rgb[is_skin]
     assert 0.01 < (grown[:, 2] > 1.05).mean() < 0.5
     assert np.median(grown[:, 2]) == pytest.approx(1, abs=1e-3)
+
+
+def test_a_bent_joint_of_drawn_blood_is_paler_and_at_rest_nothing_changes(renderer, shot, hand):
+    """On the back of the index finger's middle joint: brighter by what leaves it, hardly in red."""
+    drains = np.full(16 * len(hand.v_template) - 30, 60, np.uint8)
+    surface = renderer.avatar.surface
+    drawn = Renderer(
+        replace(renderer.avatar, surface=replace(surface, arrays={**surface.arrays, "drains": drains})), hand, "cpu"
+    )
+    shot = replace(shot, light=Light(sky=Sky(np.ones((4, 8, 3)))))
+    np.testing.assert_array_equal(drawn.render(shot).rgb, renderer.render(shot).rgb)
+    theta = np.zeros((16, 3))
+    theta[2] = np.deg2rad(80) * load_surface_detail(hand.sha256).bend.flexion[2]
+    pose = replace(shot.pose, theta=theta)
+    middle = bone_frames(hand, pose)[2, :3, 3]
+    place = look_at(middle + np.array([0, 0.2, 0]), middle, np.array([0.0, 0, 1]))
+    camera = Camera(np.array([[1200.0, 0, 40], [0, 1200, 40], [0, 0, 1]]), place, (80, 80))
+    shot = replace(shot, pose=pose, vertices=posed_vertices(hand, pose), camera=camera)
+    before, bent = (one.render(shot) for one in (renderer, drawn))
+    at = slice(36, 44), slice(36, 44)
+    assert (before.alpha[at] == 1).all()
+    grown = (bent.rgb[at] / before.rgb[at]).reshape(-1, 3)
+    most = np.exp(-0.6 * place_log_albedo(0.2))
+    assert (grown < most + 0.01).all()
+    assert (np.median(grown, 0) > 1 + 0.6 * (most - 1)).all()
 
 
 def test_what_is_no_pressing_is_refused(shot):

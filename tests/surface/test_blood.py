@@ -2,7 +2,15 @@
 
 import numpy as np
 import pytest
-from livehand.backend.surface.blood import Blanching
+import torch
+from livehand.backend.surface.blood import (
+    PIGMENTED_LOG_ALBEDO,
+    PLACE_LOG_ALBEDO,
+    Blanching,
+    JointBlood,
+    place_log_albedo,
+)
+from livehand.backend.surface.detail_maps_file import load_surface_detail
 from livehand.backend.surface.detail_mesh import DetailTemplate
 from livehand.backend.surface.detail_surface import load_detail_surface
 
@@ -40,3 +48,44 @@ def test_a_pressed_fingertip_squeezes_its_own_nails_bed(hand, template):
 def test_what_is_not_pressed_keeps_its_blood(hand, template):
     found = Blanching.of(np.zeros(len(hand.v_template)), template)
     assert found.bloodless.max() == found.under_nails.max() == 0
+
+
+@pytest.fixture(scope="module")
+def joints(template):
+    drains = np.full(len(template.offset_m), 80, np.uint8)
+    return JointBlood.of({"drains": drains}, 0.0, "cpu")
+
+
+def flex_of(hand, template, joint, angle_deg):
+    bend = load_surface_detail(hand.sha256).bend
+    theta = np.zeros((16, 3))
+    theta[joint] = np.deg2rad(angle_deg) * bend.flexion[joint]
+    flex = torch.as_tensor(bend.flex(theta), dtype=torch.float32)[:, None]
+    for level in template.levels:
+        flex = level(flex)
+    return flex[:, 0]
+
+
+def test_hands_at_rest_and_lifted_fingers_keep_the_blood_of_their_joints(hand, template, joints):
+    for angle_deg in (0.0, -10.0, 15.0):
+        assert joints.blanching(flex_of(hand, template, 2, angle_deg)) is None
+
+
+def test_blood_leaves_a_joint_as_it_bends_and_others_keep_theirs(hand, template, joints):
+    half, full = (joints.blanching(flex_of(hand, template, 2, angle)).of_joints for angle in (42.0, 90.0))
+    rest = template.rest_vertices().numpy()
+    around_m = np.linalg.norm(rest - hand.joints[2], axis=1)
+    near, far = around_m < 0.010, np.linalg.norm(rest - hand.joints[5], axis=1) < 0.010
+    assert full[near].median() == pytest.approx(0.8, abs=0.01)
+    assert half[near].median() == pytest.approx(0.4, abs=0.05)
+    assert full[far].max() == 0
+
+
+def test_a_person_without_such_blood_has_none():
+    assert JointBlood.of({}, 0.0, "cpu") is None
+
+
+def test_under_pigment_blood_is_brown():
+    light, deep = place_log_albedo(0.0), place_log_albedo(1.0)
+    np.testing.assert_allclose(deep - light, PIGMENTED_LOG_ALBEDO, atol=1e-6)
+    np.testing.assert_allclose(light, PLACE_LOG_ALBEDO, atol=1e-6)

@@ -15,6 +15,7 @@ from livehand.backend.surface.detail_surface import (
     HEIGHT_STEP_MM,
     LEVELS,
     VEIN_STEP,
+    detail_surface_of,
     load_detail_surface,
     surface_arrays,
 )
@@ -69,6 +70,7 @@ def test_heights_beyond_the_steps_are_an_error(shipped):
                     (type(form)(form.joint, 0.0, 1.0, form.height_mm + 4.0),),
                     shipped.raised.vein,
                     shipped.raised.flexion,
+                    shipped.raised.padding_mm,
                 ),
             )
         )
@@ -80,6 +82,26 @@ def test_a_fist_raises_knuckles_and_rest_nothing(shipped):
     bent = rest.copy()
     bent[4] = np.deg2rad(90) * shipped.raised.flexion[4]  # the middle finger's knuckle
     assert 3 < shipped.raised.height_mm(bent, 0.0).max() < 4.5
+
+
+def test_tendons_of_lifted_fingers_stand_out_as_far_as_a_persons_and_knuckles_as_before(shipped):
+    weak, lifted, bent = shipped.with_tendons(0.4).raised, np.zeros((16, 3)), np.zeros((16, 3))
+    lifted[4] = np.deg2rad(-20) * shipped.raised.flexion[4]
+    bent[4] = np.deg2rad(90) * shipped.raised.flexion[4]
+    high = shipped.raised.height_mm(lifted, 0.0)
+    assert high.max() > 1
+    np.testing.assert_allclose(weak.height_mm(lifted, 0.0), 0.4 * high, atol=1e-5)
+    np.testing.assert_array_equal(weak.height_mm(bent, 0.0), shipped.raised.height_mm(bent, 0.0))
+    assert shipped.with_tendons(1.0).raised is shipped.raised
+
+
+def test_padding_rises_in_every_pose(shipped):
+    own = surface_arrays(shipped) | {"padding": np.full(len(shipped.offset_m), 20, np.int8)}
+    padded, bent = detail_surface_of(own).raised, np.zeros((16, 3))
+    bent[4] = np.deg2rad(90) * shipped.raised.flexion[4]
+    for theta in (np.zeros((16, 3)), bent):
+        raised = padded.height_mm(theta, 0.0) - shipped.raised.height_mm(theta, 0.0)
+        np.testing.assert_allclose(raised, 20 * HEIGHT_STEP_MM, atol=1e-5)
 
 
 def test_veins_are_as_high_as_asked_and_higher_in_a_clenched_hand(shipped):

@@ -274,10 +274,15 @@ def _distances_to_mesh(points, vertices, faces, candidates=40):
 
 def test_veins_of_a_person_s_own_are_carried_to_the_surface(surface, hand):
     across = surface.vertices_m[:, 2]
-    assert np.array_equal(surface.with_veins(hand, across).masks["vein"], across)
+    none = np.zeros(len(across))
+    worn = surface.worn(hand, across, 2 * across, 3 * across)
+    assert np.array_equal(worn.masks["vein"], across)
+    assert np.array_equal(worn.padding_mm, 2 * across)
+    assert np.array_equal(worn.drains, 3 * across)
+    assert np.array_equal(surface.worn(hand, across, none, None).drains, none)
     of_template = hand.v_template[:, 2]
-    refined = surface.with_veins(hand, of_template)
+    refined = surface.worn(hand, of_template, none, None)
     assert refined.masks["vein"] == pytest.approx(surface.subdivision @ of_template, abs=1e-12)
     assert np.array_equal(refined.masks["palm"], surface.masks["palm"])
     finer = np.concatenate([across, np.ones(7)])  # of a finer subdivision, whose first vertices are these
-    assert np.array_equal(surface.with_veins(hand, finer).masks["vein"], across)
+    assert np.array_equal(surface.at_vertices(hand, finer), across)

@@ -31,7 +31,7 @@ def fine_surface(model: HandModel, detail: DetailedSurface) -> DetailSurface:
     forms = tuple(replace(form, height_mm=form.height_mm[:count]) for form in detail.forms)
     return DetailSurface(
         offset_m=raised - coarse.matrix @ model.v_template,
-        raised=PoseDisplacement(forms, detail.masks["vein"][:count], detail.flex_axis),
+        raised=PoseDisplacement(forms, detail.masks["vein"][:count], detail.flex_axis, np.zeros(count)),
     )
 
 

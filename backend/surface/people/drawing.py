@@ -15,6 +15,7 @@ from torch.nn.functional import avg_pool2d, conv2d, interpolate
 
 from ...hand.model import HandModel
 from ..atlas_texels import AtlasTexels
+from ..blood import DRAIN_STEP, DRAINS
 from ..detail_maps import DORSAL_SHADE, PALMAR_SHADE
 from ..detail_maps_file import (
     ATLAS_MM,
@@ -26,8 +27,9 @@ from ..detail_maps_file import (
     WIDEST_MM,
 )
 from ..detail_mesh import DetailTemplate
-from ..detail_surface import VEIN_STEP, load_detail_surface
-from .drawn_albedo import drawn_log_albedo, fold_log_albedo
+from ..detail_surface import HEIGHT_STEP_MM, PADDING, VEIN_STEP, load_detail_surface
+from .drawn_albedo import drawn_log_albedo, fold_log_albedo, joint_blood
+from .drawn_forms import drawn_padding_mm, drawn_veins
 from .drawn_relief import drawn_relief
 from .hand_chart import HandChart, smoothstep
 from .look import PersonLook
@@ -74,7 +76,10 @@ def drawn_person(hand: HandModel, look: PersonLook, base: dict[str, np.ndarray],
     template = DetailTemplate.of(surface, hand)
     lines = veins(look.random(_VEINS))
     arrays = _relief_arrays(template, look, sizes.fine)
-    arrays["vein"] = _vein(HandChart.at_vertices(template), lines)
+    vertices = HandChart.at_vertices(template)
+    arrays["vein"] = _steps(drawn_veins(vertices, lines), VEIN_STEP, np.int8).clip(0, 100)
+    arrays[PADDING] = _steps(drawn_padding_mm(vertices, look), HEIGHT_STEP_MM, np.int8)
+    arrays[DRAINS] = _steps(joint_blood(vertices, look), DRAIN_STEP, np.uint8)
     arrays["hair/share"] = _hair_share(template, look, base["hair/share"])
     return DrawnPerson(arrays, _log_albedo(template, look, lines, sizes.ratio))
 
@@ -104,13 +109,6 @@ def _log_albedo(template: DetailTemplate, look: PersonLook, lines: PlaneImage, r
     smooth = replace(relief, furrow=coarse(relief.furrow))
     total = drawn_log_albedo(chart, smooth, lines, look) + fold_log_albedo(dorsal, palmar)
     return texels.as_map(np.minimum(total, np.log(_MOST_ALBEDO)).astype(np.float32))
-
-
-def _vein(chart: HandChart, lines: PlaneImage) -> np.ndarray:
-    """Return where veins rise [N], in steps: on the back of hand and arm, and less on the arm's inside."""
-    up = smoothstep(chart.normals[:, 1], 0.1, 0.5) * (1 - chart.on_digit)
-    inner = 0.5 * smoothstep(-chart.normals[:, 1], 0.2, 0.7) * chart.arm
-    return _steps(lines.at(chart.points_mm) * np.maximum(up, inner), VEIN_STEP, np.int8).clip(0, 100)
 
 
 def _hair_share(template: DetailTemplate, look: PersonLook, base: np.ndarray) -> np.ndarray:
@@ -177,6 +175,6 @@ def _gaussian(image: torch.Tensor, deviation: float) -> torch.Tensor:
     return conv2d(along, weight.reshape(1, 1, -1, 1), padding=(reach, 0))
 
 
-def _steps(values: np.ndarray, step: float, kind: type[np.signedinteger]) -> np.ndarray:
-    limit = np.iinfo(kind).max
-    return np.round(values / step).clip(-limit, limit).astype(kind)
+def _steps(values: np.ndarray, step: float, kind: type[np.integer]) -> np.ndarray:
+    limits = np.iinfo(kind)
+    return np.round(values / step).clip(max(limits.min, -limits.max), limits.max).astype(kind)

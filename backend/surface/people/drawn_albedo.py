@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..blood import PIGMENTED_LOG_ALBEDO, PLACE_LOG_ALBEDO
 from ..shading_detail import FOLD_LOG_ALBEDO
 from .drawn_relief import DrawnRelief
 from .hand_chart import THUMB, HandChart, bump, smoothstep
@@ -14,10 +15,7 @@ from .look import PersonLook
 from .skin_lines import PlaneImage, plane
 from .solid_noise import SolidNoise
 
-BLOOD = np.array([-0.03, -0.40, -0.43], np.float32)
-"""By which blood of 1 more changes the logarithm of albedo in places: less yellow than that of whole people."""
-_THROUGH_PIGMENT = np.array([0.0, 0.02, -0.16], np.float32)
-"""What deep pigment adds to that: it is brown, not magenta."""
+BLOOD, _THROUGH_PIGMENT = (np.array(colour, np.float32) for colour in (PLACE_LOG_ALBEDO, PIGMENTED_LOG_ALBEDO))
 _YELLOW = np.array([0.0, -0.05, -0.36], np.float32)
 _PIGMENT = np.array([0.55, 0.8, 1.0], np.float32)
 _VEIN = np.array([-0.26, -0.06, 0.06], np.float32)
@@ -33,8 +31,10 @@ _NAIL = {
 }
 _SPOT = np.array([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]], np.float32)  # of a freckle at its darkest
 _COARSE_FOLD = np.float32(0.65)  # of the folds' colour: blurred, all of it is too much
-_BELOW_PIGMENT = 0.85  # more blood, by place, that shows as much redness through deep pigment as less through light
-_LEAST_BLOOD = -0.30  # against the mean: paler skin would be grey
+# How much more blood shows as much redness through deep pigment as through light: joints, tips and edges, and patches.
+_BELOW_PIGMENT, _PATCHES_BELOW = 1.75, 0.85
+_LEAST_BLOOD = -0.34  # against the mean: paler skin would be grey
+_SOFT, _SOFT_MEAN = 0.12, 0.03  # how softly it is approached, and what that adds in the mean
 _MOON = np.array([0.55, 0.5, 0.1, 0.3, 1.0], np.float32)  # how large half-moons are, by digit
 _HALF_NAIL_MM = np.array([5.5, 6.1, 5.6, 6.0, 7.2], np.float32)  # from its middle to its free end, by digit
 _BLOOD_PURPOSE, _SPOT_PURPOSE = 21, 22
@@ -46,7 +46,7 @@ def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, l
     outer = _mixed(look, _BACK) + chart.arm[:, None] * (_mixed(look, _ARM) - _mixed(look, _BACK))
     palm = (0.9 * chart.palm)[:, None]
     skin = outer + palm * (_mixed(look, _PALM) - outer)
-    blood = look.blood - 1 + _blood(chart, noise, look) * (1 + _BELOW_PIGMENT * look.tone * (1 - chart.palm))
+    blood = look.blood - 1 + _blood(chart, noise, look)
     skin = skin + blood[:, None] * BLOOD + _yellow(chart, noise, look)[:, None] * _YELLOW
     brown = blood * (1 - chart.palm) * np.float32(min(look.tone, 1.0))
     skin = skin + brown[:, None] * _THROUGH_PIGMENT + _pigment(chart, noise, look)[:, None] * -_PIGMENT
@@ -63,31 +63,54 @@ def fold_log_albedo(dorsal: np.ndarray, palmar: np.ndarray) -> np.ndarray:
 
 def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     """Compute how much redder [T] the skin is than its mean: joints, tips and edges, and patches of three sizes."""
-    random = look.random(_BLOOD_PURPOSE + 100)
-    own = random.uniform(0.7, 1.3, 8)
-    joint, d, r = chart.from_joint_mm, *plane(chart.points_mm).T
-    dorsal = smoothstep(chart.height, -0.1, 0.6)
-    fingers = chart.on_digit * dorsal
-    knuckles = bump(joint[:, 0] - 1, 8.5) * bump(chart.lateral, 8.0) * (1 - chart.palm) * (chart.digit != THUMB)
-    of_joints = 0.72 * own[0] * bump(joint[:, 1], 7.0) + 0.6 * own[1] * bump(joint[:, 2], 5.5)
-    tips = smoothstep(chart.along - chart.length[chart.digit], -17.0, -5.0) * chart.on_digit
+    own, joint = _place_strengths(look), chart.from_joint_mm
+    d, r = plane(chart.points_mm).T
+    tips = smoothstep(chart.along - chart.length[chart.digit], -22.0, -3.0) * chart.on_digit
+    between = chart.on_digit * chart.palm * (bump(joint[:, 1] - 11, 6.0) + bump(joint[:, 1] + 13, 7.0))
     thenar = bump(np.hypot((d - 34) / 24, (r - 24) / 15), 0.6)
     ulnar = smoothstep(-r, 20.0, 34.0) * smoothstep(d, -5.0, 18.0) * smoothstep(d, 84.0, 62.0)
     pads = bump(d - 80, 7.0) * smoothstep(np.abs(r), 40.0, 30.0)
     hollow = bump(np.hypot((d - 48) / 22, (r + 4) / 13), 0.6)
     on_palm = (1 - chart.on_digit) * chart.palm * (1 - chart.arm)
     palm = on_palm * (0.45 * own[2] * thenar + 0.70 * own[3] * ulnar + 0.45 * own[4] * pads - 0.30 * own[5] * hollow)
-    back = 0.62 * own[6] * knuckles + fingers * of_joints + 0.90 * own[7] * tips
-    web = 0.2 * bump(joint[:, 0] - 20, 7.0) * (1 - dorsal)
+    back = _joint_redness(chart, look) + 0.80 * own[7] * tips + 0.22 * own[4] * between
+    web = 0.2 * bump(joint[:, 0] - 20, 7.0) * (1 - _dorsal(chart))
     points, mottle = chart.points_mm, 0.15
     patches = (
-        0.27 * noise.smooth(points, 42.0, 1)
+        0.22 * noise.smooth(points, 42.0, 1)
         + mottle * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
         + 0.5 * mottle * noise.smooth(points[:, [2, 0, 1]], 5.0, 2)
+        + 0.25 * mottle * chart.palm * noise.smooth(points[:, [0, 2, 1]], 2.2, 2)
     )
     calm = 1 - 0.65 * smoothstep(d, 22.0, -25.0)
-    patches = np.where(patches < 0, 0.65, 1.1) * patches * (1 + 0.4 * chart.palm) * calm
-    return np.maximum(back + palm + web + patches - 0.14, _LEAST_BLOOD * (1 - 0.5 * min(look.tone, 1.0)))
+    patches = patches * (1 + (0.1 + 0.5 * look.tone) * chart.palm) * calm - 0.14
+    total = (back + palm + web) * _shown(chart, look) + patches * (1 + _PATCHES_BELOW * look.tone * (1 - chart.palm))
+    return _LEAST_BLOOD + _SOFT * np.logaddexp(0, (total - _LEAST_BLOOD) / _SOFT) - _SOFT_MEAN
+
+
+def joint_blood(chart: HandChart, look: PersonLook) -> np.ndarray:
+    """Compute the blood [T] that makes joints red at rest, and leaves where bending makes their skin tight."""
+    return _joint_redness(chart, look) * _shown(chart, look)
+
+
+def _joint_redness(chart: HandChart, look: PersonLook) -> np.ndarray:
+    own, joint = _place_strengths(look), chart.from_joint_mm
+    knuckles = bump(joint[:, 0] - 1, 8.5) * bump(chart.lateral, 8.0) * (1 - chart.palm) * (chart.digit != THUMB)
+    of_joints = 0.72 * own[0] * bump(joint[:, 1], 7.0) + 0.6 * own[1] * bump(joint[:, 2], 5.5)
+    return 0.62 * own[6] * knuckles + chart.on_digit * _dorsal(chart) * of_joints
+
+
+def _dorsal(chart: HandChart) -> np.ndarray:
+    return smoothstep(chart.height, -0.1, 0.6)
+
+
+def _shown(chart: HandChart, look: PersonLook) -> np.ndarray:
+    """Return how much more blood it takes [T] to be seen through the pigment of a place."""
+    return 1 + _BELOW_PIGMENT * look.tone * (1 - chart.palm)
+
+
+def _place_strengths(look: PersonLook) -> np.ndarray:
+    return look.random(_BLOOD_PURPOSE + 100).uniform(0.7, 1.3, 8)
 
 
 def _yellow(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
@@ -100,10 +123,12 @@ def _yellow(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray
 
 def _pigment(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     """Compute how much more pigment [T]: soft patches, darker joints; half as much on the arm, and none in the palm."""
-    patches = 0.07 * noise.smooth(chart.points_mm[:, [1, 0, 2]], 11.0, 2)
+    tone = min(look.tone, 1.0)
+    patches = (0.07 + 0.05 * tone) * noise.smooth(chart.points_mm[:, [1, 0, 2]], 11.0, 2)
+    patches += 0.05 * tone * noise.smooth(chart.points_mm[:, [2, 1, 0]], 28.0, 2)
     joint = chart.from_joint_mm
     over = chart.on_digit * smoothstep(chart.height, 0.1, 0.7) * (bump(joint[:, 1], 6.0) + 0.6 * bump(joint[:, 2], 4.5))
-    return (1 - 0.8 * chart.palm) * ((1 - 0.5 * chart.arm) * patches + (0.05 + 0.22 * min(look.tone, 1.0)) * over)
+    return (1 - 0.8 * chart.palm) * ((1 - 0.5 * chart.arm) * patches + (0.05 + 0.26 * tone) * over)
 
 
 def _vein(chart: HandChart, veins: PlaneImage) -> np.ndarray:

@@ -17,7 +17,7 @@ from .solid_noise import SolidNoise
 
 RIDGE_MM, _RIDGE_DEEP_MM = 0.48, 0.011
 _CELL_MM = (0.55, 0.85, 0.85), (1.3, 2.1, 2.1)  # along and across the digits
-_CELL_DEEP_MM = (0.036, 0.034), (0.019, 0.075)  # of the young, and what age adds
+_CELL_DEEP_MM = (0.036, 0.030), (0.019, 0.050)  # of the young, and what age adds
 _HALF_FURROW = 0.16, 0.10  # of a cell
 _PAD_FROM_TIP_MM = 10.0
 _RELIEF, _FOLDS, _PALM = 11, 12, 13  # purposes of random numbers

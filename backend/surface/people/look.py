@@ -95,6 +95,16 @@ class PersonLook:
         """How old the skin is, 0 at 25 years to 1 at 80."""
         return float(np.clip((self.age - _YOUNG) / (_OLD - _YOUNG), 0, 1))
 
+    @property
+    def padding(self) -> float:
+        """Share of the hollows between the metacarpals that flesh fills: of young women most, of old people none."""
+        return float(np.clip(0.75 - 0.45 * (self.build - _WOMAN) - 0.75 * self.aged, 0, 0.75))
+
+    @property
+    def tendons(self) -> float:
+        """How far the tendons of lifted fingers stand out, as `Person.tendons`."""
+        return round(float(np.clip(0.4 + 0.5 * (self.build - _WOMAN) + 0.55 * self.aged, 0.3, 1.2)), 3)
+
     def random(self, purpose: int) -> np.random.Generator:
         """Return the person's own random numbers for one purpose; others do not change them."""
         return np.random.default_rng([self.seed, purpose])
@@ -109,6 +119,7 @@ class PersonLook:
             veins_mm=self.veins,
             folds=self.folds,
             freckles=self.freckles,
+            tendons=self.tendons,
             beta=tuple(float(value) for value in shape.round(3)),
         )
 

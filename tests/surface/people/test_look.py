@@ -44,3 +44,12 @@ def test_what_is_no_number_is_refused():
 def test_the_persons_surface_has_the_numbers():
     person = PersonLook.of(4, {"tone": 0.7, "veins": 0.4, "folds": 1.5, "freckles": 2.0, "blood": 1.2}).person()
     assert (person.melanin, person.veins_mm, person.folds, person.freckles, person.blood) == (0.7, 0.4, 1.5, 2.0, 1.2)
+
+
+def test_flesh_and_tendons_go_by_age_and_build():
+    girl, man, old = (
+        PersonLook.of(1, {"age": age, "build": build}) for age, build in ((24.0, 0.25), (30.0, 0.75), (74.0, 0.7))
+    )
+    assert girl.padding > man.padding + 0.15 > old.padding + 0.3
+    assert girl.tendons < man.tendons - 0.2 < old.tendons - 0.4
+    assert girl.person().tendons == girl.tendons
