@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import blf
 import bpy
-from gpu_extras.batch import batch_for_shader
-
 import gpu
+from gpu_extras.batch import batch_for_shader
 
 from ...backend.avatars.library import PERSONS, SKINS, shipped_skin
 from ...backend.records.errors import LiveHandError
