@@ -9,6 +9,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.surface.base_surface import SURFACE_FILE, file_arrays
