@@ -12,11 +12,10 @@ from PIL import Image, ImageDraw
 from ..capture.masks.mask import load_opencv
 from ..capture.picture import linear_to_srgb, srgb_to_linear
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
-from ..records.light import Light
 from ..system.parallel_map import parallel_map
 from .flow import flow_between
 from .illumination import Illumination, encoded_colours
-from .making import MadePerson
+from .making import MadePerson, family_at_base
 from .model import PersonModel
 
 _CLIPPED = 0.98
@@ -100,8 +99,8 @@ def write_sheet(path: Path, made: MadePerson, pictures: Sequence[HandPicture], c
 
 def _pair(made: MadePerson, picture: HandPicture, lights: Mapping[int, Illumination]) -> list[np.ndarray]:
     light = lights[picture.scene]
-    frame = made.model.rendered(picture.pose, picture.camera, Light(sky=light.light.sky))
-    straight = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3) * light.tint
+    frame = made.model.rendered(picture.pose, picture.camera, light.tinted)
+    straight = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)
     ours = encoded_colours(picture, straight)
     blended = ours * frame.alpha[..., None] + (picture.rgb / 255) * (1 - frame.alpha[..., None])
     return [_scaled(picture.rgb), _scaled((255 * blended).clip(0, 255).astype(np.uint8))]
@@ -114,11 +113,11 @@ def _scaled(rgb: np.ndarray) -> np.ndarray:
 
 
 def _confidence(made: MadePerson) -> np.ndarray:
-    """Draw the atlas: the person's colours where they were seen, grey where they are a guess."""
+    """Draw the atlas: the person's albedo where it was seen, grey where it is a guess."""
     texels = made.texels
     seen = made.completed.confidence[:, None]
-    ratio = np.exp(made.completed.log_ratio)
-    colour = linear_to_srgb((0.35 * ratio).clip(0, 1).astype(np.float32))
+    albedo = np.exp(made.completed.log_ratio + texels.at_texels(family_at_base(made.model)))
+    colour = linear_to_srgb(albedo.clip(0, 1).astype(np.float32))
     image = np.full((texels.resolution**2, 3), 1.0, np.float32)
     image[texels.pixel] = seen * colour + (1 - seen) * 0.5
     upright = image.reshape(texels.resolution, texels.resolution, 3)[::-1]

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar, save_avatar
+from livehand.backend.capture.picture import linear_to_srgb
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
-from livehand.backend.person import making
+from livehand.backend.person import making, review
 from livehand.backend.person.making import (
     MakingOptions,
     RoundOptions,
@@ -21,7 +22,7 @@ from livehand.backend.person.numbers import AtlasTone
 from livehand.backend.person.person_avatar import person_avatar, shipped_bases
 from livehand.backend.person.refit import refitted
 from livehand.backend.person.review import held_out_figures, write_sheet
-from livehand.backend.records.light import Light, Sky, sky_directions
+from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing, sky_directions
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.surface.albedo_ratio import RATIO_STEP
@@ -97,6 +98,19 @@ def test_a_held_out_picture_is_shown(made, hand, tmp_path):
     assert figures.overlap > 0.97
     write_sheet(tmp_path / "sheet.png", made, hand.pictures, "made")
     assert (tmp_path / "sheet.png").stat().st_size > 10_000
+
+
+def test_the_sheet_shows_the_person_in_all_of_the_light_that_was_found(made, hand):
+    picture, found = hand.pictures[2], made.lights[0]
+    towards = picture.camera.cam2world[:3, :3] @ [0, 0, 1.0]
+    lamp = Lamp("sun", np.full(3, 2.0), rotation=rotation_facing(-towards))
+    lit = replace(found, lamps=(lamp,), tint=np.array([0.9, 1.0, 1.1]))
+    frame = made.model.rendered(picture.pose, picture.camera, lit.tinted)
+    shown = linear_to_srgb((frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)).clip(0, 1))
+    filmed = replace(picture, rgb=(255 * shown).round().astype(np.uint8), log_gain=(0.0, 0.0, 0.0))
+    above, below = (part.astype(int) for part in review._pair(replace(made, lights={0: lit}), filmed, {0: lit}))
+    assert above.mean() > review._pair(made, filmed, made.lights)[1].mean() + 5
+    assert np.abs(above - below).mean() < 1
 
 
 def test_the_avatar_is_the_person_after_its_file_too(made, hand, tmp_path):
