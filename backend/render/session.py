@@ -84,6 +84,11 @@ class Session:
         key = (*_file_key(avatar_path), hand.sha256, device)
         return _cached(self._renderers, key, lambda: self._make_renderer(avatar_path, hand, device))
 
+    @property
+    def avatar_paths(self) -> set[Path]:
+        """The files of the avatars that are loaded."""
+        return {key[0] for key in list(self._renderers)}  # threads add to them
+
     def avatar_path(self, renderer: HandRenderer) -> Path:
         """Return the avatar file of a renderer of this session."""
         (key,) = (key for key, known in self._renderers.items() if known is renderer)

@@ -31,7 +31,7 @@ from ..scene.removal import settle_removals
 from ..scene.settings import ENGINE
 from .cycles import CyclesEngine, has_only_hands, is_in_scene, one_sample, scene_layer
 from .frame_setup import FrameSetup, ViewSetup, VisibleHands, read_frame_setup, read_frame_task
-from .hand_source import load_renderer_in_blender
+from .hand_source import drawing_note, load_renderer_in_blender
 from .keep_look import in_scene_colours
 from .light_groups import GroupedFrames, group_passes, grouped_frames, light_groups, pass_name, task_with_groups
 from .light_passes import Measurement, is_measured, with_measured_light
@@ -184,9 +184,10 @@ class LiveHandRender(CyclesEngine):
 
     def _read(self, depsgraph: bpy.types.Depsgraph) -> FrameSetup | None:
         """Read the frame's setup; None if the user has stopped the render while an avatar was loaded."""
-        self.update_stats("", "LiveHand | reading the hands")
         session = self.required_session()
         hands = VisibleHands.read(depsgraph)
+        new = {source.avatar_path for source in hands.sources} - session.avatar_paths
+        self.update_stats("", f"LiveHand | {drawing_note(new) or 'reading the hands'}")
         if self._in_background(lambda _: self._load(hands)) is None:
             return None
         frame = read_frame_setup(self, depsgraph, hands, session)

@@ -5,12 +5,13 @@ A hand without a model file is the built-in hand.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 
-from ...backend.avatars.library import shipped_avatar_path, shipped_skin
+from ...backend.avatars.library import PERSONS, SKINS, shipped_avatar_path, shipped_skin
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import builtin_hand_path
 from ...backend.image.grade import Grade
@@ -69,6 +70,13 @@ def hand_source(armature: bpy.types.Object) -> HandSource:
         avatar_path or shipped_avatar_path(hand.skin),
         (hand.model_sha256 or None) if model_path is None else None,
     )
+
+
+def drawing_note(avatar_paths: Iterable[Path]) -> str:
+    """Tell which people of numbers alone are loaded, which takes long at first; empty: none of these avatars."""
+    skins = {shipped_skin(path) for path in avatar_paths}
+    drawn = [person for skin, person in PERSONS.items() if skin in skins and skin not in SKINS]
+    return f"loading {', '.join(drawn)}: at first use, the skin is drawn in some 20 seconds" if drawn else ""
 
 
 def set_avatar(armature: bpy.types.Object, path: Path) -> None:

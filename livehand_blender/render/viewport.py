@@ -14,7 +14,6 @@ import bpy
 import gpu
 from gpu_extras.batch import batch_for_shader
 
-from ...backend.avatars.library import PERSONS, SKINS, shipped_skin
 from ...backend.records.errors import LiveHandError
 from ...backend.render.frame_task import is_equal
 from ...backend.system.memory import memory_message
@@ -23,6 +22,7 @@ from ..light.foreground import Foreground
 from ..light.solids import LocalTriangles
 from ..light.studio import needs_light
 from ..scene.colour import rec709_to_working_space
+from .hand_source import drawing_note
 from .viewport_hand import ViewportHand, read_viewport_hands
 from .viewport_image import ViewportImage, ViewportRequest, ViewportStep
 from .viewport_shared import ViewportShared
@@ -198,9 +198,8 @@ def _loading(hands: Sequence[ViewportHand], submitted: tuple[ViewportRequest, fl
     """Tell what views wait for: any avatar at first, later the people of numbers alone; empty: nothing long."""
     shown = () if submitted is None else submitted[0].hands
     known = {hand.source.avatar_path for hand in shown}
-    new = [shipped_skin(hand.source.avatar_path) for hand in hands if hand.source.avatar_path not in known]
-    if drawn := [person for skin, person in PERSONS.items() if skin in new and skin not in SKINS]:
-        return f"loading {', '.join(drawn)}: at first use, the skin is drawn in some 20 seconds"
+    if drawing := drawing_note(hand.source.avatar_path for hand in hands if hand.source.avatar_path not in known):
+        return drawing
     return "loading the avatar" if hands and submitted is None else ""
 
 

@@ -10,7 +10,7 @@ from livehand.backend.image.grade import Grade
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.render.session import Device, Session
 from livehand.livehand_blender.hands.visible_hands import visible_hands
-from livehand.livehand_blender.render.hand_source import hand_source, read_grade, set_avatar
+from livehand.livehand_blender.render.hand_source import drawing_note, hand_source, read_grade, set_avatar
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands
 
@@ -34,6 +34,12 @@ def test_a_hand_without_a_file_is_the_built_in_one_with_its_avatars():
     assert source.model_path == builtin_hand_path()
     assert source.avatar_path == shipped_avatar_path("light")
     assert source.avatar_path.parent.name == RiggedHand.of(armature).model.name == DEFAULT_HAND
+
+
+def test_people_of_numbers_are_named_while_they_load():
+    paths = [shipped_avatar_path(skin) for skin in ("light", "lena", "samuel")]
+    assert drawing_note(paths) == "loading Lena, Samuel: at first use, the skin is drawn in some 20 seconds"
+    assert drawing_note(paths[:1]) == ""
 
 
 def test_a_hand_of_a_model_whose_file_is_not_named_is_refused(armature):

@@ -62,6 +62,7 @@ def test_a_changed_file_replaces_what_was_loaded(session, tmp_path):
     second = session.renderer(avatar, hand, Device())
     assert second is not first
     assert session.avatar_path(second) == avatar
+    assert session.avatar_paths == {avatar}
     with pytest.raises(ValueError, match="not enough values"):
         session.avatar_path(first)
 
