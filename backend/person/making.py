@@ -67,8 +67,8 @@ class RoundOptions(NamedTuple):
 
 COARSE_ROUND = RoundOptions(512, 16, with_flow=False)
 """Brings a skin so near that light and flow find the rest."""
-LATER_ROUNDS = (COARSE_ROUND, RoundOptions(512, 16))
-"""Before the later fits of poses, the last of which needs texture; each goes on from the skin of the one before."""
+LATER_ROUNDS = ((COARSE_ROUND,), (COARSE_ROUND, RoundOptions(512, 16)))
+"""Before the later fits of poses, the last of which needs texture."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,7 @@ class MakingOptions:
     """How a person is made.
 
     Attributes:
-        rounds: each begins with the skin of the one before, the first with one of the family. The last alone is done
-            where poses were fitted between rounds.
+        rounds: each begins with the skin of the one before, the first with one of the family.
         kept_low: as in `completed_ratio`.
         light_pictures: in which a scene's light is looked for.
         finds_lamps: look for a lamp beside the sky in each scene.
@@ -100,7 +99,6 @@ class MadePerson:
     Attributes:
         model: with the person's factor.
         texels: of the atlas.
-        skin: with its factor before unseen detail is added.
         completed: the factor, its prior and confidence, the skin's numbers.
         gathered: of the last round.
         lights: by scene, in the strength that the numbers give.
@@ -109,7 +107,6 @@ class MadePerson:
 
     model: PersonModel
     texels: AtlasTexels
-    skin: AtlasTone
     completed: CompletedRatio
     gathered: GatheredRatio
     lights: Mapping[int, Illumination]
@@ -122,11 +119,6 @@ class MadePerson:
         assert steps is not None
         return steps
 
-    def skin_over(self, base_log_albedo: np.ndarray) -> AtlasTone:
-        """Return the skin as a factor on a base's albedo, whose logarithm [N, 3] at the surface's vertices is given."""
-        change = (family_at_base(self.model) - base_log_albedo).astype(np.float32)
-        return replace(self.skin, bare=self.skin.bare + self.texels.at_texels(change))
-
 
 def made_person(
     base: PersonModel,
@@ -134,7 +126,7 @@ def made_person(
     family: ToneFamily,
     options: MakingOptions,
     log: Log = lambda line: None,
-    before: MadePerson | None = None,
+    lamps: Mapping[int, Sequence[Light]] | None = None,
 ) -> MadePerson:
     """Make a person from pictures whose poses are known well enough for flow to correct the rest.
 
@@ -144,21 +136,21 @@ def made_person(
         family: of skins.
         options: of the rounds.
         log: is told of each light and round.
-        before: of the same pictures, with poses that were not as good: its skin and its lamps are gone on from.
+        lamps: by scene, where they were looked for before.
     """
     shown = [picture for picture in hand.pictures if not picture.is_held_out]
     pixels, base_log_albedo = pixels_of_scenes(base, shown, options.light_pictures), family_at_base(base)
-    if before is not None:
-        pixels = {scene: of_scene.with_sources(base, before.lamps[scene]) for scene, of_scene in pixels.items()}
+    if lamps is not None:
+        pixels = {scene: of_scene.with_sources(base, lamps[scene]) for scene, of_scene in pixels.items()}
     for scene, of_scene in pixels.items():
         log(f"light of scene {scene}: {len(of_scene.shown)} pixels of {len(of_scene.parts)} pictures")
-    skin, made = None if before is None else before.skin_over(base_log_albedo), None
+    skin, made = None, None
     for round_index, of_round in enumerate(options.rounds):
         texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, of_round.resolution)
         skin = AtlasTone.of_family(texels, family, base_log_albedo) if skin is None else skin.on(texels)
         tones = {scene: skin.at(of_scene) for scene, of_scene in pixels.items()}
         skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
-        if options.finds_lamps and before is None and round_index == 0:
+        if options.finds_lamps and lamps is None and round_index == 0:
             tones = {scene: with_lamp(base, tone, skin.melanin) for scene, tone in tones.items()}
             pixels = {scene: tone.pixels for scene, tone in tones.items()}
             skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
@@ -173,7 +165,7 @@ def made_person(
         gain, tint = completed.numbers.log_gain, np.exp(completed.numbers.log_tint)
         lights = {scene: light.stronger(gain, tint) for scene, light in lights.items()}
         model = base.with_ratio(_steps(texels, skin.log_ratio))
-        made = MadePerson(model, texels, skin, completed, gathered, lights, lamps_of(pixels))
+        made = MadePerson(model, texels, completed, gathered, lights, lamps_of(pixels))
     assert made is not None
     return made
 
@@ -240,21 +232,18 @@ def person_of_pictures(
         round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
         hand, melanin = fitted.fitted(hand), fitted.melanin
-    made = None
-    for each in _later_rounds(hand, options):
-        base = shaped(bases.nearest(melanin), hand)
-        made = made_person(base, hand, bases.family, replace(options, rounds=(each,)), log, made)
-        hand, melanin = _refitted(made, hand, options.length_m, None, log), made.completed.numbers.melanin
-    base, options = shaped(bases.nearest(melanin), hand), replace(options, rounds=_last_rounds(hand, options))
-    return _with_unseen_detail(made_person(base, hand, bases.family, options, log, made)), hand
+    lamps = None
+    for rounds in _later_rounds(hand, options):
+        base, of_rounds = shaped(bases.nearest(melanin), hand), replace(options, rounds=rounds)
+        made = made_person(base, hand, bases.family, of_rounds, log, lamps)
+        hand = _refitted(made, hand, options.length_m, None, log)
+        melanin, lamps = made.completed.numbers.melanin, made.lamps
+    base = shaped(bases.nearest(melanin), hand)
+    return _with_unseen_detail(made_person(base, hand, bases.family, options, log, lamps)), hand
 
 
-def _later_rounds(hand: PicturedHand, options: MakingOptions) -> tuple[RoundOptions, ...]:
+def _later_rounds(hand: PicturedHand, options: MakingOptions) -> tuple[tuple[RoundOptions, ...], ...]:
     return LATER_ROUNDS if options.fits_poses and not hand.is_calibrated else ()
-
-
-def _last_rounds(hand: PicturedHand, options: MakingOptions) -> tuple[RoundOptions, ...]:
-    return options.rounds[-1:] if _later_rounds(hand, options) else options.rounds
 
 
 def _with_unseen_detail(made: MadePerson) -> MadePerson:
@@ -290,8 +279,8 @@ def lines_of_making(hand: PicturedHand, options: MakingOptions) -> int:
     scenes = len({picture.scene for picture in hand.pictures})
     refits = _refits(hand, options)
     of_refits = 0 if hand.is_calibrated else sum(map(len, refits))
-    of_later = (scenes + 2) * len(_later_rounds(hand, options))
-    return len(refits) * (scenes + 1) + of_refits + of_later + scenes + len(_last_rounds(hand, options))
+    of_later = sum(scenes + len(rounds) + 1 for rounds in _later_rounds(hand, options))
+    return len(refits) * (scenes + 1) + of_refits + of_later + scenes + len(options.rounds)
 
 
 def _refits(hand: PicturedHand, options: MakingOptions) -> tuple[_Refits, ...]:

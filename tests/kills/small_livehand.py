@@ -61,7 +61,7 @@ def _person():
     yield patch.object(making, "MakingOptions", partial(making.MakingOptions, rounds))
     coarse = making.COARSE_ROUND._replace(resolution=128)
     yield patch.object(making, "COARSE_ROUND", coarse)
-    yield patch.object(making, "LATER_ROUNDS", (coarse, coarse))
+    yield patch.object(making, "LATER_ROUNDS", ((coarse,), (coarse, coarse)))
 
 
 def _leases():
