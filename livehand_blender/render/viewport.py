@@ -184,7 +184,10 @@ class Viewport:
                 elif step.moving_px is not None:
                     self._pace.record(step.moving_px, outcome.seconds)
             self._has_error = outcome.error is not None
-            self._message = _message_of(outcome.error) if outcome.error else ""
+            if outcome.error:
+                self._message = _message_of(outcome.error)
+            elif not isinstance(step, ViewportStep) or self._submitted is None or step.request is self._submitted[0]:
+                self._message = ""  # else it tells what a later request waits for
             self._texture = ImageTexture(outcome.value) if outcome.value else None
             self._is_empty = not outcome.error and not outcome.value
 

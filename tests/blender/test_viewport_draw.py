@@ -8,11 +8,12 @@ import gpu
 import numpy as np
 import pytest
 from livehand.backend.avatars.library import shipped_avatar_path
+from livehand.backend.render.preview_scheduler import StepOutcome
 from livehand.backend.system.child_job import JobProgress
 from livehand.livehand_blender.hands import visible_hands
 from livehand.livehand_blender.render import viewport as viewport_module
 from livehand.livehand_blender.render.viewport import FreeArea, ImageTexture, Pace, Viewport, draw_message, free_area
-from livehand.livehand_blender.render.viewport_image import ViewportImage
+from livehand.livehand_blender.render.viewport_image import ViewportImage, ViewportStep
 from livehand.livehand_blender.render.viewport_shared import ViewportShared
 from livehand.livehand_blender.render.viewport_view import Rectangle
 from livehand.livehand_blender.rig.hand import find_hands
@@ -123,6 +124,8 @@ def test_a_view_says_when_it_waits_for_a_person_of_numbers(drawn, context, share
     drawn(lambda: show(viewport, Engine(), context, shared))
     assert messages == ["LiveHand: loading the avatar"]
     find_hands(bpy.context.scene)[0].livehand.avatar_path = str(shipped_avatar_path("amara"))
+    before = ViewportStep(viewport._submitted[0], shared.session, 1.0)
+    shared.preview._outcomes[viewport] = StepOutcome(before, 0.1, None, None)  # arrives only now
     drawn(lambda: show(viewport, Engine(), context, shared))
     assert messages[1:] == ["LiveHand: loading Amara: at first use, the skin is drawn in some 20 seconds"]
     assert viewport.has_image
