@@ -15,7 +15,7 @@ from ..motion.landmarks.take_file import FilmedTake, take_doubts, write_take
 from ..motion.landmarks.take_fit import LONGEST_GAP_S, MOST_FIT_ERROR, TakeFit, fit_take
 from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
-from ..system.command import Command, warn
+from ..system.command import Command, parse_fov, warn
 from ..system.figure import check_plot_name, new_figure, save_figure
 from ..tracking.sighted_take import filmed_take, frames_of_film
 
@@ -75,17 +75,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="make a capture of one hand that turns before a resting camera, to train on",
     )
     parser.add_argument("--side", choices=SIDES, help="the hand of the capture (default: the one seen longer)")
-
-
-def parse_fov(text: str) -> float:
-    """Parse a camera's horizontal angle of view, degrees, as an argument's type."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 1 <= value <= 170:
-        raise argparse.ArgumentTypeError(f"must be an angle of 1 to 170 degrees, got {text!r}")
-    return value
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:

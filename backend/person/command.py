@@ -11,7 +11,7 @@ from ..hand.model_file import DEFAULT_HAND, load_hand_model
 from ..records.errors import LiveHandError
 from ..records.side import SIDES
 from ..system.child_job import ChildJob, JobProgress, Report, run_job
-from ..system.command import Command
+from ..system.command import Command, parse_fov
 
 if TYPE_CHECKING:
     from ..hand.model import HandModel
@@ -38,6 +38,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar="MM",
         help="of the hand, from the wrist's crease to the tip of the straight middle finger: one camera cannot see it",
+    )
+    parser.add_argument(
+        "--fov",
+        type=parse_fov,
+        metavar="DEG",
+        help="the camera's angle of view, horizontal of a film, along the longer side of photographs that do not tell "
+        "it (default: about 58, 65)",
     )
     parser.add_argument("--consent", default="", metavar="TEXT", help="what the person agreed to; kept in the avatar")
     parser.add_argument("--licence", default="not stated", metavar="TEXT", help="of the avatar; kept in it")
@@ -112,7 +119,7 @@ def _made(
     from .sources import PictureSource, pictured_hand
 
     other = load_hand_model(args.hand) if args.hand else None
-    source = PictureSource(args.pictures, args.side, args.weights, other)
+    source = PictureSource(args.pictures, args.side, args.weights, other, args.fov)
     length_m = None if args.length_mm is None else args.length_mm / 1000
     if length_m is not None:
         check_length(length_m)
@@ -152,7 +159,7 @@ def _inputs(args: argparse.Namespace) -> dict[str, object]:
     from .kept_steps import digest_of
 
     files = [path and path.exists() and digest_of(path) for path in (args.pictures, args.hand)]
-    return {"files": files, "name": args.pictures.name, "side": args.side, "length_mm": args.length_mm}
+    return {"files": files, "name": args.pictures.name, "side": args.side, "length_mm": args.length_mm, "fov": args.fov}
 
 
 def _figures_line(figures: PersonFigures) -> str:

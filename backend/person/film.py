@@ -66,6 +66,7 @@ def pictures_of_film(
     most: int = 40,
     networks: TrackerNetworks | None = None,
     steps: KeptSteps | None = None,
+    fov_deg: float | None = None,
 ) -> PicturedHand:
     """Track a film and choose pictures of one hand; the camera need not rest, its own axes are the scene's world.
 
@@ -77,6 +78,7 @@ def pictures_of_film(
         most: number of pictures.
         networks: the tracker's; None: the user's own.
         steps: where the take is kept; None: nowhere.
+        fov_deg: the camera's horizontal angle of view; None: a usual one.
 
     Raises:
         LiveHandError: it is no film, or shows no hand, more than two hands, or nothing with the colour of skin.
@@ -95,7 +97,7 @@ def pictures_of_film(
 
     def tracked() -> FilmedTake:
         found = track_frames(frames_of_film(video, _MOST_FPS), HandTracker(networks))
-        return filmed_take(found, min(video.fps, _MOST_FPS), None, path)
+        return filmed_take(found, min(video.fps, _MOST_FPS), fov_deg, path)
 
     take = (steps or KeptSteps()).kept("take", tracked, FILMED_TAKE)
     chosen_side = hand_to_capture(take, side)

@@ -76,6 +76,7 @@ def pictures_of_photographs(
     progress: Progress,
     side: Side | None = None,
     networks: TrackerNetworks | None = None,
+    fov_deg: float | None = None,
 ) -> PicturedHand:
     """Find the hand in all photographs of a folder and fit one shape to it.
 
@@ -85,6 +86,7 @@ def pictures_of_photographs(
         progress: is told what begins.
         side: of the hand; None: the likelier one.
         networks: the tracker's; None: the user's own.
+        fov_deg: angle of view along the longer side of photographs that do not tell it; None: a usual one.
 
     Raises:
         LiveHandError: there are no pictures, none shows a hand, most show several people, or nothing has the colour of
@@ -96,7 +98,7 @@ def pictures_of_photographs(
     load_opencv()
     tracker, right = StillTracker(networks or load_networks()), model.for_side("right")
     progress("reading the photographs")
-    photographs, notes = read_photographs(folder)
+    photographs, notes = read_photographs(folder, fov_deg or USUAL_FOV_DEG)
     progress(f"looking for the hand in {len(photographs)} photographs")
     found = [tracker.hands(photograph.rgb) for photograph in photographs]
     check_one_person(folder, found)
@@ -139,12 +141,12 @@ def pictures_of_photographs(
             zip(shown, images, labels, cameras, poses, strict=True)
         )
     )
-    notes += _guessed_note(shown)
+    notes += [] if fov_deg else _guessed_note(shown)
     notes += [note for note in (unseen_note(covered_share(poses, cameras, right)),) if note]
     return PicturedHand(pictures, chosen_side, folder.name, notes=tuple(notes))
 
 
-def read_photographs(folder: Path) -> tuple[list[Photograph], list[str]]:
+def read_photographs(folder: Path, fov_deg: float = USUAL_FOV_DEG) -> tuple[list[Photograph], list[str]]:
     """Read the pictures of a folder by name, and note those that cannot be read.
 
     Raises:
@@ -156,7 +158,7 @@ def read_photographs(folder: Path) -> tuple[list[Photograph], list[str]]:
     photographs, notes = [], []
     for path in files:
         try:
-            photographs.append(read_photograph(path))
+            photographs.append(read_photograph(path, fov_deg))
         except LiveHandError as error:
             notes.append(str(error))
     if not photographs:
@@ -165,8 +167,8 @@ def read_photographs(folder: Path) -> tuple[list[Photograph], list[str]]:
     return photographs, notes
 
 
-def read_photograph(path: Path) -> Photograph:
-    """Read a picture upright, with the focal length that its EXIF tells.
+def read_photograph(path: Path, fov_deg: float = USUAL_FOV_DEG) -> Photograph:
+    """Read a picture upright, with the focal length that its EXIF tells, or else of this angle along its longer side.
 
     Raises:
         LiveHandError: it cannot be read.
@@ -181,7 +183,7 @@ def read_photograph(path: Path) -> Photograph:
         raise LiveHandError(
             f"{path.name} cannot be read ({type(error).__name__}) and is left out; save it as JPEG or PNG"
         ) from error
-    usual_px = max(rgb.shape[:2]) / 2 / tan(radians(USUAL_FOV_DEG) / 2)
+    usual_px = max(rgb.shape[:2]) / 2 / tan(radians(fov_deg) / 2)
     return Photograph(path.name, rgb, focal_px or usual_px, focal_px is None)
 
 

@@ -26,12 +26,15 @@ class PictureSource:
         side: of the hand; None: the one seen longer.
         weights: folder of the tracker; None: the user's own.
         other: the hand model of a capture's poses; None: the built-in one.
+        fov_deg: the camera's angle of view, horizontal of a film, along the longer side of photographs that do not
+            tell it; None: usual ones.
     """
 
     path: Path
     side: Side | None = None
     weights: Path | None = None
     other: HandModel | None = None
+    fov_deg: float | None = None
 
 
 def pictured_hand(
@@ -55,7 +58,11 @@ def pictured_hand(
 def _pictured_hand(
     source: PictureSource, model: HandModel, log: Callable[[str], None], steps: KeptSteps
 ) -> PicturedHand:
-    path, side = source.path, source.side
+    from .rig.calibration import has_cameras
+
+    path, side, fov_deg = source.path, source.side, source.fov_deg
+    if source.fov_deg is not None and ((path / "transforms.json").is_file() or has_cameras(path)):
+        raise LiveHandError(f"--fov is of a film or of photographs, the cameras of {path} are known; leave it out")
     if (path / "transforms.json").is_file():
         from .captured_pictures import pictures_of_capture
 
@@ -67,7 +74,6 @@ def _pictured_hand(
         raise LiveHandError(f"--hand is the hand model of a capture's poses, {path} is no capture; leave it out")
     from ..tracking.weights import load_networks
     from .camera_gains import with_camera_gains
-    from .rig.calibration import has_cameras
     from .rig.pictures_of_rig import pictures_of_rig
 
     if has_cameras(path):
@@ -77,11 +83,11 @@ def _pictured_hand(
     if path.is_file() and path.suffix.lower() in FILM_SUFFIXES:
         from .film import pictures_of_film
 
-        return pictures_of_film(path, model, log, side, _MOST_PICTURES, load_networks(source.weights), steps)
+        return pictures_of_film(path, model, log, side, _MOST_PICTURES, load_networks(source.weights), steps, fov_deg)
     if path.is_dir():
         from .photographs import pictures_of_photographs
 
-        return pictures_of_photographs(path, model, log, side, load_networks(source.weights))
+        return pictures_of_photographs(path, model, log, side, load_networks(source.weights), fov_deg)
     raise LiveHandError(
         f"{path} must be a film ({', '.join(FILM_SUFFIXES)}), a folder of photographs (.jpg, .png), pictures of "
         "calibrated cameras (with cameras.json) or a capture (with transforms.json); check the path"

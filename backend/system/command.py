@@ -148,6 +148,17 @@ def parse_count(text: str, smallest: int = 1) -> int:
     return int(text)
 
 
+def parse_fov(text: str) -> float:
+    """Parse a camera's horizontal angle of view, degrees, as an argument's type."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 1 <= value <= 170:
+        raise argparse.ArgumentTypeError(f"must be an angle of 1 to 170 degrees, got {text!r}")
+    return value
+
+
 def say(text: str) -> None:
     """Print a line of a command's output and flush it. Once nobody reads it any more, as after `| head -1`, nothing is.
 

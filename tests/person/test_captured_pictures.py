@@ -266,6 +266,8 @@ def test_what_is_missing_is_said(truth, hand, folder, tmp_path):
         pictures_of_capture(folder, hand, 40, replace(truth.twin.model, sha256="0" * 64), lambda line: None)
     with pytest.raises(LiveHandError, match="--hand is the hand model of a capture's poses"):
         pictured_hand(PictureSource(tmp_path, other=truth.twin.model), hand, lambda line: None)
+    with pytest.raises(LiveHandError, match="--fov is of a film or of photographs"):
+        pictured_hand(PictureSource(folder, fov_deg=60.0), hand, lambda line: None)
 
 
 def test_grey_pictures_are_left_out(truth, hand, folder, tmp_path):

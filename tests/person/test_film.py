@@ -14,13 +14,14 @@ def test_a_film_becomes_pictures(film, shown, networks, hand):
     sides = [shown(name)[::2, ::2] for name in ("palm", "back")]
     frames = [np.roll(side, 2 * shift, 1) for side in sides for shift in range(8)]
     told = []
-    person = pictures_of_film(film(frames), hand, told.append, networks=networks)
+    person = pictures_of_film(film(frames), hand, told.append, networks=networks, fov_deg=60.0)
     assert person.side == "right"
     assert 2 <= len(person.pictures) <= 16
     assert len({picture.scene for picture in person.pictures}) == 1
     assert len({tuple(picture.pose.beta) for picture in person.pictures}) == 1
     for picture in person.pictures:
         assert picture.pose.side == "right"
+        assert picture.camera.K[0, 0] == pytest.approx(frames[0].shape[1] / 2 / np.tan(np.deg2rad(30)))
         assert ((picture.labels == HAND) | (picture.labels == UNKNOWN)).mean() > 0.15
     assert told[0] == "tracking the film"
 

@@ -75,6 +75,8 @@ def test_a_photograph_is_upright_with_the_lens_that_its_file_tells(tmp_path):
     assert read_photograph(tmp_path / "b.png").focal_px == pytest.approx(40)
     save(picture, tmp_path / "c.png", FocalLengthIn35mmFilm=0)
     assert read_photograph(tmp_path / "c.png").focal_px == pytest.approx(20 / np.tan(np.deg2rad(32.5)))
+    told, known = (read_photographs(tmp_path, 90.0)[0][index] for index in (2, 1))
+    assert (told.focal_px, known.focal_px) == (pytest.approx(20), pytest.approx(40))
 
 
 def test_folders_without_photographs_are_told(tmp_path):

@@ -11,10 +11,9 @@ import numpy as np
 
 from ...avatars.library import AVATAR_HELP, avatar_path
 from ...records.errors import LiveHandError
-from ...system.command import Command, warn
+from ...system.command import Command, parse_fov, warn
 from ...system.files import replacing
 from ...tracking.sighted_take import filmed_take, frames_of_film
-from ..track import parse_fov
 
 _VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov")
 
