@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import chain, count
+from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,15 @@ class LIVEHAND_OT_person_from_pictures(NeedsTracker, RunsJob, bpy.types.Operator
         min=0.0,
         soft_max=250.0,
     )
+    field_of_view: FloatProperty(
+        name="Field of View",
+        description="The camera's, horizontal of a film, along the longer side of photographs that do not tell it. 0 is "
+        "not known",
+        subtype="ANGLE",
+        default=0.0,
+        min=0.0,
+        max=radians(170),
+    )
 
     @classmethod
     def poll(cls, context):
@@ -74,6 +84,7 @@ class LIVEHAND_OT_person_from_pictures(NeedsTracker, RunsJob, bpy.types.Operator
         arguments += ["--consent", self.consent] if self.consent else []
         arguments += ["--side", self.side] if self.side != "AUTO" else []
         arguments += ["--length-mm", f"{self.length_mm:.3f}"] if self.length_mm > 0 else []
+        arguments += ["--fov", f"{degrees(self.field_of_view):.3f}"] if self.field_of_view > 0 else []
         return start_person([*arguments, "--sheet", str(self._output.with_suffix(".png"))])
 
     def cancel(self, context):

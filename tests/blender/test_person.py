@@ -5,6 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
+import numpy as np
 import pytest
 from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.person.command import start_person
@@ -54,13 +55,15 @@ def make(**settings):
 
 def test_the_active_hand_wears_the_new_avatar(ends_with, tmp_path):
     ends_with({"seen": 0.7, "notes": []})
-    assert make(filepath="/film.mp4", person_name="Anna", consent="yes", side="left", length_mm=188.0) == {"FINISHED"}
+    told = {"person_name": "Anna", "consent": "yes", "side": "left", "length_mm": 188.0, "field_of_view": 1.1}
+    assert make(filepath="/film.mp4", **told) == {"FINISHED"}
     assert hand_source(active_hand(bpy.context)).avatar_path == tmp_path / "Anna.safetensors"
     arguments = FakeJob.started
     assert Path(arguments[0]).name == "film.mp4"
     assert arguments[arguments.index("--side") + 1] == "left"
     assert arguments[arguments.index("--consent") + 1] == "yes"
     assert float(arguments[arguments.index("--length-mm") + 1]) == 188
+    assert float(arguments[arguments.index("--fov") + 1]) == pytest.approx(np.rad2deg(1.1), abs=1e-3)
 
 
 def test_a_person_is_adjusted_by_what_is_switched_on(ends_with, tmp_path, monkeypatch):
