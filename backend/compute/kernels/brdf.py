@@ -15,6 +15,7 @@ from .vectors import blend_texels
 _0, _QUARTER, _HALF, _1, _2, _TINY = (np.float32(value) for value in (0, 0.25, 0.5, 1, 2, 1e-12))
 LEAST_COSINE, GRAZING, TINY = (np.float32(value) for value in (1e-4, 0.05, 1e-8))
 """Of the cosines to light and eye, and of what is divided by, as in `light.brdf`."""
+_TAIL = np.float32(8)  # as in `light.brdf`
 LEAST_MIRRORED, LEAST_OF_EYE, LEAST_BEND = (np.float32(value) for value in (0.01, 0.9, 1e-4))
 """As in `light.brdf`."""
 
@@ -23,7 +24,7 @@ class Lobes(NamedTuple):
     """Constants of `light.lighting` and `light.brdf`.
 
     SCATTER_M, WRAP, SCATTERED_SCALE and alpha (squared ROUGHNESS) [2], the angle of a sky cell, the squared INDEX, and
-    BELOW_HORIZON; `nail_alpha` is the first lobe's on nails.
+    BELOW_HORIZON; `nail_alpha` is the first lobe's on nails, `skin_squared` the squared alpha of skin by itself.
     """
 
     scatter_m: np.ndarray
@@ -34,6 +35,7 @@ class Lobes(NamedTuple):
     sky_cell_rad: np.float32
     squared_index: np.float32
     below_horizon: np.float32
+    skin_squared: np.float32
 
 
 class MirrorArrays(NamedTuple):
@@ -72,22 +74,39 @@ def on_nail(nail, lobes):
 
 
 @part
-def ggx(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, squared_index, both):
+def ggx(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, lobes, both):
     """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
     hx, hy, hz = x - view[0], y - view[1], z - view[2]
     length = max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
     hx, hy, hz = hx / length, hy / length, hz / length
-    to_eye = max(-(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]), GRAZING)
+    to_eye = -(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2])
     to_half = min(max(normal[0] * hx + normal[1] * hy + normal[2] * hz, _0), _1)
-    reflectance = fresnel(x * hx + y * hy + z * hz, squared_index)
-    to_light = max(to_light, LEAST_COSINE)
-    for lobe in range(2):
-        squared = min(alphas_squared[lobe] + light_radius_rad * light_radius_rad * _QUARTER, _1)
-        base = to_half * to_half * (squared - _1) + _1
-        shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - squared) + squared) + to_eye * np.sqrt(
-            to_light * to_light * (_1 - squared) + squared
-        )
-        both[lobe] = squared / (base * base) * _HALF / shadowing * reflectance * to_light
+    along_half = min(max(x * hx + y * hy + z * hz, _0), _1)
+    reflectance = fresnel(along_half, lobes.squared_index)
+    both[0] = reflectance * _lobe(to_light, to_eye, to_half, along_half, alphas_squared[0], _0, light_radius_rad)
+    hidden = max(alphas_squared[1] - lobes.skin_squared, _0)
+    both[1] = reflectance * _lobe(to_light, to_eye, to_half, along_half, alphas_squared[1], hidden, light_radius_rad)
+
+
+@part
+def _lobe(to_light, to_eye, to_half, along_half, alpha_squared, hidden, light_radius_rad):
+    """Compute a lobe without Fresnel; `hidden`: the variance of slopes of bumps in its squared alpha."""
+    squared = min(alpha_squared + light_radius_rad * light_radius_rad * _QUARTER, _1)
+    smooth, facing = squared - hidden, to_half * to_half
+    across = _1 - facing
+    if hidden > _0:
+        towards_half = hidden * to_half / (squared * facing + across)
+        inverse = _1 / np.sqrt(_1 + towards_half * towards_half * across)
+        kept, added = (_1 - towards_half * to_half) * inverse, towards_half * along_half * inverse
+        to_light, to_eye = kept * to_light + added, kept * to_eye + added
+        reach = _TAIL * squared * facing
+        squared = smooth + hidden * reach / max(reach + across, TINY)
+    to_light, to_eye = max(to_light, LEAST_COSINE), max(to_eye, GRAZING)
+    base = facing * (squared - _1) + _1
+    shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - smooth) + smooth) + to_eye * np.sqrt(
+        to_light * to_light * (_1 - smooth) + smooth
+    )
+    return squared / (base * base) * _HALF / shadowing * to_light
 
 
 @part

@@ -154,7 +154,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
             specular = _0
             if facing_mirror > _0:
                 radius_rad = image.lamp_radius_rad[lamp]
-                ggx(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes.squared_index, both)
+                ggx(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes, both)
                 specular = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
                 bent = wide + image.sharpness[c] * (sharp - wide)
