@@ -52,6 +52,10 @@ class SkySamples(NamedTuple):
     @classmethod
     def of(cls, sky: Sky | None, device: torch.device | str, division: Division = UNDIVIDED) -> SkySamples:
         """Sample a sky; None is black."""
+        return _black(str(device)) if sky is None and division == UNDIVIDED else cls._of(sky, device, division)
+
+    @classmethod
+    def _of(cls, sky: Sky | None, device: torch.device | str, division: Division) -> SkySamples:
         towards, share = (torch.tensor(values, dtype=torch.float32, device=device) for values in _layout(division))
         flux = torch.zeros(len(towards), 3, device=device)
         if sky is not None:
@@ -97,8 +101,20 @@ class ShadowedSky(NamedTuple):
     @classmethod
     def of(cls, count: int, device: torch.device | str) -> ShadowedSky:
         """Sample a sky of unknown light from this many directions."""
-        towards = torch.tensor(_sphere(count), dtype=torch.float32, device=device)
-        return cls(_distant_views(towards), torch.tensor(_nearest_of_cells(count), device=device))
+        return _shadowed(count, str(device))
+
+
+@cache
+@torch.inference_mode(False)  # trainings may take them, too
+def _shadowed(count: int, device: str) -> ShadowedSky:
+    towards = torch.tensor(_sphere(count), dtype=torch.float32, device=device)
+    return ShadowedSky(_distant_views(towards), torch.tensor(_nearest_of_cells(count), device=device))
+
+
+@cache
+@torch.inference_mode(False)
+def _black(device: str) -> SkySamples:
+    return SkySamples._of(None, device, UNDIVIDED)
 
 
 def _distant_views(towards: Float[Tensor, "K 3"]) -> ShadowViews:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import torch
 from jaxtyping import Float, Int
@@ -80,6 +82,7 @@ def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tens
     return found
 
 
+@cache
 def lobes() -> Lobes:
     """Return the constants of the glossy lobes and of light in the skin."""
     constants = (np.array(values, np.float32) for values in (SCATTER_M, WRAP, SCATTERED_SCALE, np.square(ROUGHNESS)))

@@ -167,23 +167,23 @@ _FOUR = 4
 
 
 @part
-def of_even_light(sky, to_eye, alpha_squared):
-    """Compute what a lobe reflects of light of 1 from everywhere."""
-    row, below = _row(sky, alpha_squared)
+def of_even_light(sky, to_eye, rough):
+    """Compute what a lobe reflects of light of 1 from everywhere; `rough` as `row_of_lobe` returns it."""
+    row, below = rough
     at, over = _column(sky, to_eye)
     return _mixed(sky.lobes, row, below, at, over, 0, SHARE) + _mixed(sky.lobes, row, below, at, over, 1, SHARE)
 
 
 @part
-def mirror(sky, normal, view, alpha_squared, values, specular):
+def mirror(sky, normal, view, rough, values, specular):
     """Add to specular [3] the light of a whole sky (`MirrorArrays`) in a lobe; returns that of light of 1.
 
-    `values` [8] is a buffer.
+    `values` [8] is a buffer; `rough` as `row_of_lobe` returns it.
     """
     along = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
     inverse = _1 / max(np.sqrt(max(_1 - along * along, _0)), _TINY)
     x, y, z = view[0] - along * normal[0], view[1] - along * normal[1], view[2] - along * normal[2]
-    (row, below), (at, over), even = _row(sky, alpha_squared), _column(sky, -along), _0
+    (row, below), (at, over), even = rough, _column(sky, -along), _0
     cell = np.intp(2 * _FOUR)
     line, nothing = np.intp(sky.lobes.shape[1]) * cell, np.intp(0)
     weights = (_1 - over) * (_1 - below), over * (_1 - below), (_1 - over) * below, over * below
@@ -198,7 +198,7 @@ def mirror(sky, normal, view, alpha_squared, values, specular):
 
 
 @part
-def _row(sky, alpha_squared):
+def row_of_lobe(sky, alpha_squared):
     """Find the row of the table for a lobe, and how far below it lies."""
     last = len(sky.lobes) - 1
     rough = (np.sqrt(np.sqrt(alpha_squared)) - sky.least_roughness) / (_1 - sky.least_roughness)
