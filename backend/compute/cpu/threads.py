@@ -65,7 +65,7 @@ def threads_of_frame(pixels: int) -> Iterator[None]:
     torch's threads sleep between operations, and waking them takes longer than many of these.
     """
     threads = own_threads()
-    token = _kernel_threads.set(threads)  # known, once for all kernels
+    token = _kernel_threads.set(kernel_threads())  # once for all kernels
     try:
         with contextlib.nullcontext() if pixels > _SMALL_PX or threads == 1 else thread_limit(1):
             yield
