@@ -290,7 +290,7 @@ class BumpMapping(NamedTuple):
     def smooth(cls, normal: Float[Tensor, "P 3"]) -> BumpMapping:
         """Describe skin with these normals, without bump mapping and nails, and as glossy everywhere."""
         count = len(normal)
-        squared = normal.new_full((count,), squared_alphas(None, None)[1])
+        squared = normal.new_full((count,), float(squared_alphas(None, None)[1]))
         return cls(normal, normal, normal.new_ones(3), squared, normal.new_zeros(count))
 
     @property
