@@ -123,7 +123,9 @@ def ray_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]
 
 
 def ray_origins(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
-    """Compute where rays through pixel centres have depth 0, world, m."""
+    """Compute where rays through pixel centres have depth 0, world, m; in perspective, views of one point."""
+    if not camera.is_orthographic:
+        return ray_origin(camera).expand(len(pixel), 3)
     return _at_centres(camera, pixel, origin_axes(camera))
 
 

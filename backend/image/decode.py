@@ -47,10 +47,10 @@ def _clear_alpha(alpha: Float[Tensor, "h w"]) -> Float[Tensor, "h w"]:
 
 def _frame(linear: Tensor, alpha: Tensor, depth: Tensor, window: Crop, size_px: tuple[int, int]) -> Frame:
     """Paste a crop into a frame; where alpha is 0 its colours may be anything."""
-    seen = torch.where(alpha > 0, linear, 0.0)
+    seen = linear.permute(1, 2, 0).masked_fill(~(alpha > 0)[..., None], 0.0)  # pixel by pixel, as frames lie
     solid_depth = torch.where((alpha >= 0.5) & (depth < torch.inf), depth, DEPTH_BACKGROUND)
     frame = empty_frame(size_px)
-    window.paste(seen.permute(1, 2, 0).cpu().numpy(), frame.rgb)
+    window.paste(seen.cpu().numpy(), frame.rgb)
     window.paste(alpha.cpu().numpy(), frame.alpha)
     window.paste(solid_depth.cpu().numpy(), frame.depth)
     return frame

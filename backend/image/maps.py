@@ -75,6 +75,6 @@ def low_resolution_maps(
     width, height = size_px
     values = torch.cat([low.channels, low.alpha[:, None].to(low.channels.dtype)], -1)
     maps = values.new_zeros(width * height, values.shape[1]).index_put_((pixel,), values)
-    depth = torch.where(low.alpha > 0, low.depth, torch.full_like(low.depth, torch.inf))
+    depth = torch.where(low.alpha > 0, low.depth, torch.inf)
     depth = low.depth.new_full((width * height,), torch.inf).index_put((pixel,), depth)
     return maps.T.reshape(-1, height, width), depth.reshape(height, width)

@@ -25,10 +25,14 @@ ROUGHNESS = (0.3, 0.55)
 """Of the two glossy lobes; Blender's, the square root of the microfacets' alpha."""
 NAIL_ROUGHNESS = 0.22
 """Of the first lobe on nails."""
+SKIN_ROUGHNESS = 0.51
+"""Of skin by itself, the mean of captures'; what the second lobe is rougher, it is by bumps that a pixel hides."""
 INDEX = 1.4
 """Of refraction, of skin: it reflects 2.8 % of light that falls straight on it."""
 LEAST_TO_EYE = 0.05
 """The least cosine between normal and eye: lobes grow without bound at grazing views."""
+TAIL = 8.0
+"""Squared slopes, in squared alphas, from which on bumps widen a lobe by half as much: of Gaussian slopes, by sums."""
 
 
 def ggx(
@@ -38,8 +42,13 @@ def ggx(
     light_radius_rad: Float[Tensor, "*#n"],
     nail: Float[Tensor, "*#n"] | None = None,
     broad_squared: Float[Tensor, "*#n"] | None = None,
+    hidden: Float[Tensor, "*#n"] | None = None,
 ) -> Float[Tensor, "... 2"]:
     """Compute the light reflected in two lobes per unit of arriving light (GGX, Smith, Fresnel; Walter et al. 2007).
+
+    Bumps that a pixel hides widen the second lobe by the variance of their slopes. But those that mirror a light face
+    it, and so shadow and mask it less than a rough surface that lies flat would: they are taken to lie as the mean of
+    those whose mirrored light is seen (Tweedie's formula). Far from its middle a lobe is not wider by them.
 
     A light of some size widens the lobe: half vectors fill a disc of half its angle t, and the mean of the distribution
     over that disc is, in its middle, exactly that of a lobe with alpha^2 + t^2.
@@ -51,25 +60,42 @@ def ggx(
         light_radius_rad: half the angle of the light.
         nail: 1 on nails, 0 on skin, which stands for None.
         broad_squared: squared alpha of the second lobe, where it is known.
+        hidden: what of it is the variance of slopes of bumps; None: nothing.
     """
     half = torch.nn.functional.normalize(towards - view, dim=-1)
-    to_light = (normal * towards).sum(-1)
-    to_eye = -(normal * view).sum(-1).clamp(max=-LEAST_TO_EYE)
+    to_light, to_eye = (normal * towards).sum(-1), -(normal * view).sum(-1)
     to_half = (normal * half).sum(-1).clamp(0, 1)
-    reflectance = fresnel((towards * half).sum(-1).clamp(0, 1))
+    along_half = (towards * half).sum(-1).clamp(0, 1)
+    reflectance = fresnel(along_half)
     is_lit = to_light > 0
-    to_light = to_light.clamp(min=1e-4)
     lobes = []
-    for squared in squared_alphas(nail, broad_squared):
+    for squared, bumps in zip(squared_alphas(nail, broad_squared), (None, hidden), strict=True):
         squared = (squared + (light_radius_rad / 2) ** 2).clamp(max=1)
+        smooth, lit, seen = squared, to_light, to_eye
+        if bumps is not None:
+            smooth = squared - bumps
+            across = 1 - to_half**2
+            towards_half = bumps * to_half / (squared * to_half**2 + across)
+            length = (1 + towards_half**2 * across).sqrt()
+            lit, seen = (
+                ((1 - towards_half * to_half) * cosine + towards_half * along_half) / length
+                for cosine in (to_light, to_eye)
+            )
+            reach = TAIL * squared * to_half**2
+            squared = smooth + bumps * reach / (reach + across)
+        lit, seen = lit.clamp(min=1e-4), seen.clamp(min=LEAST_TO_EYE)
         # pi times the distribution: light is in units of irradiance / pi.
         distribution = squared / (to_half**2 * (squared - 1) + 1) ** 2
         shadowing = 0.5 / (
-            to_light * (to_eye**2 * (1 - squared) + squared).sqrt()
-            + to_eye * (to_light**2 * (1 - squared) + squared).sqrt()
+            lit * (seen**2 * (1 - smooth) + smooth).sqrt() + seen * (lit**2 * (1 - smooth) + smooth).sqrt()
         )
-        lobes.append(torch.where(is_lit, distribution * shadowing * reflectance * to_light, torch.zeros_like(to_light)))
+        lobes.append(torch.where(is_lit, distribution * shadowing * reflectance * lit, torch.zeros_like(lit)))
     return torch.stack(lobes, -1)
+
+
+def hidden_bumps(alpha_squared: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
+    """Return what of the squared alpha of skin is the variance of slopes of bumps."""
+    return (alpha_squared - SKIN_ROUGHNESS**4).clamp(min=0)
 
 
 def fresnel(cosine: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
@@ -230,7 +256,9 @@ def _pair(alpha: float) -> Float[Tensor, "C 2 4"]:
     along = (half * view).sum(-1, keepdim=True)
     towards = view - 2 * along * half
     squared = torch.tensor(alpha**2)
-    lobes = ggx(torch.tensor([0.0, 0, 1]), towards, view, torch.zeros(()), broad_squared=squared)[..., 1]
+    lobes = ggx(
+        torch.tensor([0.0, 0, 1]), towards, view, torch.zeros(()), broad_squared=squared, hidden=hidden_bumps(squared)
+    )[..., 1]
     # pi times the density of half vectors, and what is lost of it at the turn to directions of light.
     density = alpha**2 * to_half / (1 + to_half**2 * (alpha**2 - 1)) ** 2
     light = lobes * 4 * along[..., 0].abs() / density * (along[..., 0] < 0) / len(half)

@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from .brdf import alphas, bump_shadowing, clamped_reflection_normal, ggx, horizon_occlusion, squared_alphas
+from .brdf import bump_shadowing, clamped_reflection_normal, ggx, hidden_bumps, horizon_occlusion, squared_alphas
 from .indirect_diffuse import IndirectDiffuse, MeshPoints, Surfels, indirect_diffuse, indirect_diffuse_on_mesh
 from .lamp_samples import LampSamples
 from .prefiltered_environment import PrefilteredEnvironment
@@ -290,7 +290,7 @@ class BumpMapping(NamedTuple):
     def smooth(cls, normal: Float[Tensor, "P 3"]) -> BumpMapping:
         """Describe skin with these normals, without bump mapping and nails, and as glossy everywhere."""
         count = len(normal)
-        squared = normal.new_full((count,), alphas(None)[1] ** 2)
+        squared = normal.new_full((count,), float(squared_alphas(None, None)[1]))
         return cls(normal, normal, normal.new_ones(3), squared, normal.new_zeros(count))
 
     @property
@@ -330,8 +330,9 @@ def _colour_of_skin(
     towards = features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
     surface, nail = skin.surface_normal, skin.nail
     mirroring = clamped_reflection_normal(normal, surface, view)
+    at_lamps = mirroring[:, None], towards, view[:, None], features.lamp_radius_rad
     lobes = ggx(
-        mirroring[:, None], towards, view[:, None], features.lamp_radius_rad, nail[:, None], skin.alpha_squared[:, None]
+        *at_lamps, *(of_skin[:, None] for of_skin in (nail, skin.alpha_squared, hidden_bumps(skin.alpha_squared)))
     )
     lamps_mirrored = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
     squared = skin.alphas_squared

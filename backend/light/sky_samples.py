@@ -52,13 +52,7 @@ class SkySamples(NamedTuple):
     @classmethod
     def of(cls, sky: Sky | None, device: torch.device | str, division: Division = UNDIVIDED) -> SkySamples:
         """Sample a sky; None is black."""
-        towards, share = (torch.tensor(values, dtype=torch.float32, device=device) for values in _layout(division))
-        flux = torch.zeros(len(towards), 3, device=device)
-        if sky is not None:
-            cell, energy = _energies(sky, division)
-            energies = torch.as_tensor(energy, dtype=torch.float32, device=device)
-            flux = flux.index_add(0, torch.as_tensor(cell, device=device), energies)
-        return cls(towards, flux, share, PrefilteredEnvironment.of(sky, device))
+        return _black(str(device)) if sky is None and division == UNDIVIDED else _sampled(sky, device, division)
 
     @classmethod
     def mixed(cls, skies: tuple[SkySamples, ...], weights: Float[Tensor, "G 3"]) -> SkySamples:
@@ -97,8 +91,30 @@ class ShadowedSky(NamedTuple):
     @classmethod
     def of(cls, count: int, device: torch.device | str) -> ShadowedSky:
         """Sample a sky of unknown light from this many directions."""
-        towards = torch.tensor(_sphere(count), dtype=torch.float32, device=device)
-        return cls(_distant_views(towards), torch.tensor(_nearest_of_cells(count), device=device))
+        return _shadowed(count, str(device))
+
+
+@cache
+@torch.inference_mode(False)  # trainings may take them, too
+def _shadowed(count: int, device: str) -> ShadowedSky:
+    towards = torch.tensor(_sphere(count), dtype=torch.float32, device=device)
+    return ShadowedSky(_distant_views(towards), torch.tensor(_nearest_of_cells(count), device=device))
+
+
+@cache
+@torch.inference_mode(False)
+def _black(device: str) -> SkySamples:
+    return _sampled(None, device, UNDIVIDED)
+
+
+def _sampled(sky: Sky | None, device: torch.device | str, division: Division) -> SkySamples:
+    towards, share = (torch.tensor(values, dtype=torch.float32, device=device) for values in _layout(division))
+    flux = torch.zeros(len(towards), 3, device=device)
+    if sky is not None:
+        cell, energy = _energies(sky, division)
+        energies = torch.as_tensor(energy, dtype=torch.float32, device=device)
+        flux = flux.index_add(0, torch.as_tensor(cell, device=device), energies)
+    return SkySamples(towards, flux, share, PrefilteredEnvironment.of(sky, device))
 
 
 def _distant_views(towards: Float[Tensor, "K 3"]) -> ShadowViews:

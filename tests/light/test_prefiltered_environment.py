@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.light.brdf import alphas, fresnel, ggx
+from livehand.backend.light.brdf import alphas, fresnel, ggx, hidden_bumps
 from livehand.backend.light.prefiltered_environment import PrefilteredEnvironment
 from livehand.backend.light.sky_samples import SkySamples
 from livehand.backend.records.light import Sky, sky_directions
@@ -25,7 +25,8 @@ def everywhere(count=DIRECTIONS):
 
 def integral(radiance, normal, view, nail=0.0):
     """[2, 3] reflected by both lobes, of what `radiance` [N, 3] arrives from `everywhere`; in our units."""
-    lobes = ggx(normal, everywhere(), view, torch.zeros(()), torch.tensor(nail))
+    broad = torch.tensor(alphas(None)[1] ** 2)
+    lobes = ggx(normal, everywhere(), view, torch.zeros(()), torch.tensor(nail), broad, hidden_bumps(broad))
     return torch.einsum("kg,kc->gc", lobes, radiance) * 4 / DIRECTIONS
 
 

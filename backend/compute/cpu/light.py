@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from ...geometry.mesh import PosedMesh, Topology
-from ...light.brdf import INDEX, NAIL_ROUGHNESS, ROUGHNESS
+from ...light.brdf import INDEX, NAIL_ROUGHNESS, ROUGHNESS, SKIN_ROUGHNESS
 from ...light.indirect_diffuse import MeshPoints, Surfels
 from ...light.lighting import (
     BELOW_HORIZON,
@@ -80,12 +82,12 @@ def ambient_occlusion(sky: SkySamples, shadows: PointShadows, normal: Float[Tens
     return found
 
 
+@cache
 def lobes() -> Lobes:
     """Return the constants of the glossy lobes and of light in the skin."""
     constants = (np.array(values, np.float32) for values in (SCATTER_M, WRAP, SCATTERED_SCALE, np.square(ROUGHNESS)))
-    return Lobes._make(
-        (*constants, *(np.float32(value) for value in (NAIL_ROUGHNESS**2, SKY_CELL_RAD, INDEX**2, BELOW_HORIZON)))
-    )
+    numbers = NAIL_ROUGHNESS**2, SKY_CELL_RAD, INDEX**2, BELOW_HORIZON, SKIN_ROUGHNESS**4
+    return Lobes._make((*constants, *(np.float32(value) for value in numbers)))
 
 
 def mesh_points(

@@ -112,7 +112,7 @@ def live_rays(crossings: ShellCrossings, hand: HandInView) -> tuple[Tensor, Tens
     in_parallel(lambda first, last: find_live(crossings, first, last, is_live), len(is_live))
     pixel = torch.as_tensor(is_live.nonzero()[0])
     directions = ray_directions(hand.camera, pixel)
-    return pixel, directions, Rays(pixel.numpy(), directions.numpy(), ray_origins(hand.camera, pixel).numpy())
+    return pixel, directions, Rays(*as_arrays(pixel, directions, ray_origins(hand.camera, pixel)))
 
 
 def surface_of(mesh: PosedMesh, topology: Topology) -> SurfaceTables:

@@ -65,12 +65,9 @@ def threads_of_frame(pixels: int) -> Iterator[None]:
     torch's threads sleep between operations, and waking them takes longer than many of these.
     """
     threads = own_threads()
-    if pixels > _SMALL_PX or threads == 1:
-        yield
-        return
-    token = _kernel_threads.set(threads)
+    token = _kernel_threads.set(kernel_threads())  # once for all kernels
     try:
-        with thread_limit(1):
+        with contextlib.nullcontext() if pixels > _SMALL_PX or threads == 1 else thread_limit(1):
             yield
     finally:
         _kernel_threads.reset(token)

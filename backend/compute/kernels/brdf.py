@@ -15,6 +15,7 @@ from .vectors import blend_texels
 _0, _QUARTER, _HALF, _1, _2, _TINY = (np.float32(value) for value in (0, 0.25, 0.5, 1, 2, 1e-12))
 LEAST_COSINE, GRAZING, TINY = (np.float32(value) for value in (1e-4, 0.05, 1e-8))
 """Of the cosines to light and eye, and of what is divided by, as in `light.brdf`."""
+_TAIL = np.float32(8)  # as in `light.brdf`
 LEAST_MIRRORED, LEAST_OF_EYE, LEAST_BEND = (np.float32(value) for value in (0.01, 0.9, 1e-4))
 """As in `light.brdf`."""
 
@@ -23,7 +24,7 @@ class Lobes(NamedTuple):
     """Constants of `light.lighting` and `light.brdf`.
 
     SCATTER_M, WRAP, SCATTERED_SCALE and alpha (squared ROUGHNESS) [2], the angle of a sky cell, the squared INDEX, and
-    BELOW_HORIZON; `nail_alpha` is the first lobe's on nails.
+    BELOW_HORIZON; `nail_alpha` is the first lobe's on nails, `skin_squared` the squared alpha of skin by itself.
     """
 
     scatter_m: np.ndarray
@@ -34,6 +35,7 @@ class Lobes(NamedTuple):
     sky_cell_rad: np.float32
     squared_index: np.float32
     below_horizon: np.float32
+    skin_squared: np.float32
 
 
 class MirrorArrays(NamedTuple):
@@ -72,22 +74,39 @@ def on_nail(nail, lobes):
 
 
 @part
-def ggx(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, squared_index, both):
+def ggx(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, lobes, both):
     """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
     hx, hy, hz = x - view[0], y - view[1], z - view[2]
     length = max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
     hx, hy, hz = hx / length, hy / length, hz / length
-    to_eye = max(-(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]), GRAZING)
+    to_eye = -(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2])
     to_half = min(max(normal[0] * hx + normal[1] * hy + normal[2] * hz, _0), _1)
-    reflectance = fresnel(x * hx + y * hy + z * hz, squared_index)
-    to_light = max(to_light, LEAST_COSINE)
-    for lobe in range(2):
-        squared = min(alphas_squared[lobe] + light_radius_rad * light_radius_rad * _QUARTER, _1)
-        base = to_half * to_half * (squared - _1) + _1
-        shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - squared) + squared) + to_eye * np.sqrt(
-            to_light * to_light * (_1 - squared) + squared
-        )
-        both[lobe] = squared / (base * base) * _HALF / shadowing * reflectance * to_light
+    along_half = min(max(x * hx + y * hy + z * hz, _0), _1)
+    reflectance = fresnel(along_half, lobes.squared_index)
+    both[0] = reflectance * _lobe(to_light, to_eye, to_half, along_half, alphas_squared[0], _0, light_radius_rad)
+    hidden = max(alphas_squared[1] - lobes.skin_squared, _0)
+    both[1] = reflectance * _lobe(to_light, to_eye, to_half, along_half, alphas_squared[1], hidden, light_radius_rad)
+
+
+@part
+def _lobe(to_light, to_eye, to_half, along_half, alpha_squared, hidden, light_radius_rad):
+    """Compute a lobe without Fresnel; `hidden`: the variance of slopes of bumps in its squared alpha."""
+    squared = min(alpha_squared + light_radius_rad * light_radius_rad * _QUARTER, _1)
+    smooth, facing = squared - hidden, to_half * to_half
+    across = _1 - facing
+    if hidden > _0:
+        towards_half = hidden * to_half / (squared * facing + across)
+        inverse = _1 / np.sqrt(_1 + towards_half * towards_half * across)
+        kept, added = (_1 - towards_half * to_half) * inverse, towards_half * along_half * inverse
+        to_light, to_eye = kept * to_light + added, kept * to_eye + added
+        reach = _TAIL * squared * facing
+        squared = smooth + hidden * reach / max(reach + across, TINY)
+    to_light, to_eye = max(to_light, LEAST_COSINE), max(to_eye, GRAZING)
+    base = facing * (squared - _1) + _1
+    shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - smooth) + smooth) + to_eye * np.sqrt(
+        to_light * to_light * (_1 - smooth) + smooth
+    )
+    return squared / (base * base) * _HALF / shadowing * to_light
 
 
 @part
@@ -148,23 +167,23 @@ _FOUR = 4
 
 
 @part
-def of_even_light(sky, to_eye, alpha_squared):
-    """Compute what a lobe reflects of light of 1 from everywhere."""
-    row, below = _row(sky, alpha_squared)
+def of_even_light(sky, to_eye, rough):
+    """Compute what a lobe reflects of light of 1 from everywhere; `rough` as `row_of_lobe` returns it."""
+    row, below = rough
     at, over = _column(sky, to_eye)
     return _mixed(sky.lobes, row, below, at, over, 0, SHARE) + _mixed(sky.lobes, row, below, at, over, 1, SHARE)
 
 
 @part
-def mirror(sky, normal, view, alpha_squared, values, specular):
+def mirror(sky, normal, view, rough, values, specular):
     """Add to specular [3] the light of a whole sky (`MirrorArrays`) in a lobe; returns that of light of 1.
 
-    `values` [8] is a buffer.
+    `values` [8] is a buffer; `rough` as `row_of_lobe` returns it.
     """
     along = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
     inverse = _1 / max(np.sqrt(max(_1 - along * along, _0)), _TINY)
     x, y, z = view[0] - along * normal[0], view[1] - along * normal[1], view[2] - along * normal[2]
-    (row, below), (at, over), even = _row(sky, alpha_squared), _column(sky, -along), _0
+    (row, below), (at, over), even = rough, _column(sky, -along), _0
     cell = np.intp(2 * _FOUR)
     line, nothing = np.intp(sky.lobes.shape[1]) * cell, np.intp(0)
     weights = (_1 - over) * (_1 - below), over * (_1 - below), (_1 - over) * below, over * below
@@ -179,7 +198,7 @@ def mirror(sky, normal, view, alpha_squared, values, specular):
 
 
 @part
-def _row(sky, alpha_squared):
+def row_of_lobe(sky, alpha_squared):
     """Find the row of the table for a lobe, and how far below it lies."""
     last = len(sky.lobes) - 1
     rough = (np.sqrt(np.sqrt(alpha_squared)) - sky.least_roughness) / (_1 - sky.least_roughness)

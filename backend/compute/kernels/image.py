@@ -20,6 +20,7 @@ from .brdf import (
     mirror,
     of_even_light,
     on_nail,
+    row_of_lobe,
 )
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
@@ -103,6 +104,8 @@ def relit_pixels(image, sky, lobes, first, last, out):
     even, squared, relief = np.empty(2, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
     values = np.empty(8, np.float32)
     for index in range(first, last):
+        if not image.coefficients[index].any():
+            continue  # beside the surface
         _neighbours(len(image.row), image.width, image.pixel[index], at, around)
         for k in range(4):
             ray = image.row[at[k]]
@@ -113,16 +116,18 @@ def relit_pixels(image, sky, lobes, first, last, out):
         along, along_blurred = _dot(normal, surface_normal), _dot(blurred, surface_normal)
         clamped_reflection_normal(normal, surface_normal, view, along, mirroring)
         squared[0], squared[1] = on_nail(nail, lobes), image.alpha_squared[index]
+        skin = row_of_lobe(sky, squared[1])
         for lobe in range(2):
             even[lobe], mirrored[lobe, 0], mirrored[lobe, 1], mirrored[lobe, 2] = _0, _0, _0, _0
             # An avatar's surface has the second lobe alone on skin, and the first on nails.
             if weights[GLOSS + lobe] > _0 or (nail > _0 if lobe == 0 else nail < _1):
-                even[lobe] = mirror(sky, mirroring, view, squared[lobe], values, mirrored[lobe])
+                rough = skin if lobe == 1 else row_of_lobe(sky, squared[0])
+                even[lobe] = mirror(sky, mirroring, view, rough, values, mirrored[lobe])
         # The first lobe on nails, the second on skin: what is reflected does not enter.
         of_lobes = even[1] + nail * (even[0] - even[1])
-        of_surface = of_even_light(sky, -_dot(surface_normal, view), squared[1])
+        of_surface = of_even_light(sky, -_dot(surface_normal, view), skin)
         if nail > _0:
-            of_nail = of_even_light(sky, -_dot(surface_normal, view), squared[0])
+            of_nail = of_even_light(sky, -_dot(surface_normal, view), row_of_lobe(sky, squared[0]))
             of_surface += nail * (of_nail - of_surface)
         under = (_1 - of_lobes) / (_1 - of_surface)
         to_eye = -_dot(mirroring, view)
@@ -154,7 +159,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
             specular = _0
             if facing_mirror > _0:
                 radius_rad = image.lamp_radius_rad[lamp]
-                ggx(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes.squared_index, both)
+                ggx(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes, both)
                 specular = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
                 bent = wide + image.sharpness[c] * (sharp - wide)

@@ -6,11 +6,13 @@ from typing import no_type_check
 
 import warp as wp
 
+from ....light.brdf import TAIL
 from .compiled import Floats3, Floats4, part
 
 LEAST_COSINE, GRAZING, TINY = wp.constant(1e-4), wp.constant(0.05), wp.constant(1e-8)
 _LEAST_MIRRORED, _LEAST_OF_EYE, _LEAST_BEND = wp.constant(0.01), wp.constant(0.9), wp.constant(1e-4)
 _LEAST_LENGTH = wp.constant(1e-12)
+_TAIL = wp.constant(TAIL)
 SHARE, AHEAD, UP, WIDTH = (wp.constant(value) for value in range(4))
 
 
@@ -38,11 +40,38 @@ def fresnel(cosine: float, squared_index: float) -> float:
 @no_type_check
 def lobe(to_half: float, to_light: float, to_eye: float, squared: float, reflectance: float) -> float:
     """Compute what one lobe reflects: GGX with correlated shadowing, times the cosine to the light."""
+    return _masked(to_half, to_light, to_eye, squared, squared) * reflectance
+
+
+@part
+@no_type_check
+def _masked(to_half: float, to_light: float, to_eye: float, squared: float, smooth: float) -> float:
+    """Compute a lobe without Fresnel; by `smooth`, a squared alpha, too, it shadows and masks itself."""
     base = to_half * to_half * (squared - 1.0) + 1.0
-    shadowing = to_light * wp.sqrt(to_eye * to_eye * (1.0 - squared) + squared) + to_eye * wp.sqrt(
-        to_light * to_light * (1.0 - squared) + squared
+    shadowing = to_light * wp.sqrt(to_eye * to_eye * (1.0 - smooth) + smooth) + to_eye * wp.sqrt(
+        to_light * to_light * (1.0 - smooth) + smooth
     )
-    return squared / (base * base) * 0.5 / shadowing * reflectance * to_light
+    return squared / (base * base) * 0.5 / shadowing * to_light
+
+
+@part
+@no_type_check
+def _over_bumps(
+    to_half: float, to_light: float, to_eye: float, along_half: float, squared: float, hidden: float
+) -> float:
+    """Compute a lobe without Fresnel; `hidden`: the variance of slopes of bumps in its squared alpha."""
+    facing = to_half * to_half
+    across = 1.0 - facing
+    towards_half = hidden * to_half / (squared * facing + across)
+    inverse = 1.0 / wp.sqrt(1.0 + towards_half * towards_half * across)
+    kept = (1.0 - towards_half * to_half) * inverse
+    added = towards_half * along_half * inverse
+    light = wp.max(kept * to_light + added, LEAST_COSINE)
+    eye = wp.max(kept * to_eye + added, GRAZING)
+    reach = _TAIL * squared * facing
+    return _masked(
+        to_half, light, eye, squared - hidden + hidden * reach / wp.max(reach + across, TINY), squared - hidden
+    )
 
 
 @part
@@ -55,18 +84,31 @@ def half_way(towards: wp.vec3, view: wp.vec3) -> wp.vec3:
 
 @part
 @no_type_check
-def ggx(towards: wp.vec3, normal: wp.vec3, view: wp.vec3, radius_rad: float, squares: wp.vec2, index: float) -> wp.vec2:
-    """Compute both lobes for a light in a direction; `squares`: their squared alphas, `index`: squared."""
+def ggx(
+    towards: wp.vec3,
+    normal: wp.vec3,
+    view: wp.vec3,
+    radius_rad: float,
+    squares: wp.vec2,
+    skin_squared: float,
+    index: float,
+) -> wp.vec2:
+    """Compute both lobes for a light in a direction.
+
+    `squares`: their squared alphas, beyond `skin_squared` by hidden bumps in the second; `index`: squared.
+    """
     middle = half_way(towards, view)
-    to_eye = wp.max(-wp.dot(normal, view), GRAZING)
+    to_eye = -wp.dot(normal, view)
     to_half = wp.clamp(wp.dot(normal, middle), 0.0, 1.0)
-    reflectance = fresnel(wp.dot(towards, middle), index)
-    to_light = wp.max(wp.dot(normal, towards), LEAST_COSINE)
+    along_half = wp.clamp(wp.dot(towards, middle), 0.0, 1.0)
+    to_light = wp.dot(normal, towards)
     wider = radius_rad * radius_rad * 0.25
-    return wp.vec2(
-        lobe(to_half, to_light, to_eye, wp.min(squares[0] + wider, 1.0), reflectance),
-        lobe(to_half, to_light, to_eye, wp.min(squares[1] + wider, 1.0), reflectance),
-    )
+    tight = wp.min(squares[0] + wider, 1.0)
+    broad = wp.min(squares[1] + wider, 1.0)
+    hidden = wp.max(squares[1] - skin_squared, 0.0)
+    flat = _masked(to_half, wp.max(to_light, LEAST_COSINE), wp.max(to_eye, GRAZING), tight, tight)
+    bumpy = _over_bumps(to_half, to_light, to_eye, along_half, broad, hidden)
+    return wp.vec2(flat, bumpy) * fresnel(along_half, index)
 
 
 @part

@@ -17,7 +17,7 @@ _PI, _LEAST_M, _CELLS = wp.constant(pi), wp.constant(0.001), wp.constant(CELLS)
 _DEEP_WRAP, _SHALLOW_WRAP = (wp.constant(value) for value in WRAP)
 _DEEP_SCALE, _SHALLOW_SCALE = (wp.constant(value) for value in SCATTERED_SCALE)
 _TIGHT_SQUARED, _BROAD_SQUARED = (wp.constant(value**4) for value in ROUGHNESS)
-_SQUARED_INDEX = wp.constant(INDEX**2)
+_SQUARED_INDEX, _NO_BUMPS = wp.constant(INDEX**2), wp.constant(1.0)
 
 
 @part
@@ -204,7 +204,7 @@ def near_field_light(
             of_z += towards[2] * light
             distance = wp.max(wp.length(position[k] - here), _LEAST_M)
             radius_rad = wp.sqrt(area_m2[k] / _PI) / distance
-            both = ggx(towards, relief[point], view[point], radius_rad, squares, _SQUARED_INDEX)
+            both = ggx(towards, relief[point], view[point], radius_rad, squares, _NO_BUMPS, _SQUARED_INDEX)
             tight += both[0] * light
             broad += both[1] * light
     vectors[point, 0] = vectors[point, 0] + of_x

@@ -6,7 +6,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from ....light.brdf import INDEX, LEAST_ROUGHNESS, NAIL_ROUGHNESS, ROUGHNESS
+from ....light.brdf import INDEX, LEAST_ROUGHNESS, NAIL_ROUGHNESS, ROUGHNESS, SKIN_ROUGHNESS
 from ....light.lighting import SCATTERED_SCALE
 from ....light.prefiltered_environment import SIDE
 from .compiled import Floats, Floats2, Floats3, Floats4, Ints, Longs, Vectors, kernel, part
@@ -24,6 +24,7 @@ from .pixels import neighbours
 _SCATTERED, _DIFFUSE, _GLOSS = wp.constant(3), wp.constant(9), wp.constant(12)
 _SHALLOW_SCALE, _SQUARED_INDEX = wp.constant(SCATTERED_SCALE[1]), wp.constant(INDEX**2)
 _TIGHT_ALPHA, _NAIL_ALPHA = wp.constant(ROUGHNESS[0] ** 2), wp.constant(NAIL_ROUGHNESS**2)
+_SKIN_SQUARED = wp.constant(SKIN_ROUGHNESS**4)
 _SIDE, _LEAST_ROUGHNESS = wp.constant(SIDE), wp.constant(LEAST_ROUGHNESS)
 
 
@@ -167,7 +168,7 @@ def relit_pixels(
         flat = wp.max(wp.dot(towards, surface), 0.0)
         specular = wp.float32(0.0)
         if wp.dot(towards, mirroring) > 0.0:
-            both = ggx(towards, mirroring, away, lamp_radius_rad[lamp], squares, _SQUARED_INDEX)
+            both = ggx(towards, mirroring, away, lamp_radius_rad[lamp], squares, _SKIN_SQUARED, _SQUARED_INDEX)
             specular = strength * wp.dot(gloss, both)
         for c in range(3):
             bent = wide + sharpness[c] * (sharp - wide)
