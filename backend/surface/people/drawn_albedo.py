@@ -59,9 +59,9 @@ def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, l
 
 
 def _web(chart: HandChart) -> np.ndarray:
-    """Return where the pigment of the back reaches over the edge of the thumb's web [T], which a fist turns outwards."""
+    """Return where the back's pigment reaches over the edge of the thumb's web [T], which a fist turns outwards."""
     d, r = plane(chart.points_mm).T
-    return bump(np.hypot((d - 64) / 15, (r - 30) / 13), 0.8) * smoothstep(chart.normals[:, 1], -0.85, -0.35)
+    return bump(np.hypot((d - 66) / 17, (r - 29) / 15), 0.9) * smoothstep(chart.normals[:, 1], -0.85, -0.35)
 
 
 def fold_log_albedo(dorsal: np.ndarray, palmar: np.ndarray) -> np.ndarray:
@@ -105,7 +105,7 @@ def joint_blood(chart: HandChart, look: PersonLook) -> np.ndarray:
 
 def _joint_redness(chart: HandChart, look: PersonLook) -> np.ndarray:
     own, joint = _place_strengths(look), chart.from_joint_mm
-    on_top = bump(chart.lateral, 8.0) * smoothstep(np.abs(chart.lateral), 11.0, 6.0)
+    on_top = bump(chart.lateral, 8.0) * smoothstep(np.abs(chart.lateral), 9.0, 4.5)
     knuckles = bump(joint[:, 0] - 1, 8.5) * on_top * (1 - chart.palm) * (chart.digit != THUMB)
     of_joints = 0.62 * own[0] * bump(joint[:, 1], 7.0) + 0.5 * own[1] * bump(joint[:, 2], 5.5)
     return 0.62 * own[6] * knuckles + chart.on_digit * _dorsal(chart) * of_joints

@@ -28,7 +28,7 @@ _LITTLE_RAY_MM, _INDEX_RAY_MM, _AT_RAY_MM = ((25.0, 77.0), (-17.0, -31.0)), ((27
 _VALLEY_MM, _VALLEY_STEPS, _ROUND_MM = ((-30.0, -18.0), (26.0, 18.0)), 40, 0.06
 
 # The thumb's web: middle and deviation along, across and over the hand, and how far it rises in all.
-_WEB_MM, _WEB_WIDE_MM, _WEB_RISE_MM = (57.0, 36.0, -8.0), (12.0, 12.0, 13.0), 10.0
+_WEB_MM, _WEB_WIDE_MM, _WEB_RISE_MM = (57.0, 36.0, -8.0), (13.0, 12.0, 13.0), 10.0
 _WEB_RAISED_BY = (
     (14, 12.0, 28.0),
     (1, 30.0, 75.0),
@@ -86,7 +86,7 @@ def rounded_valleys_mm(template: DetailTemplate, chart: HandChart, padding_mm: n
 def web_forms(chart: HandChart) -> tuple[PoseForm, ...]:
     """Make the forms that raise the thumb's web: half of it as the thumb bends, half as the index finger does."""
     place_mm = np.column_stack([plane(chart.points_mm), chart.points_mm[:, 1]])
-    ahead = smoothstep(-chart.normals[:, 0], -0.1, 0.5)
+    ahead = smoothstep(-chart.normals[:, 0], -0.5, 0.5)
     share = ahead * bump(np.linalg.norm((place_mm - _WEB_MM) / _WEB_WIDE_MM, axis=1), 1.0)
     height_mm = (_WEB_RISE_MM / len(_WEB_RAISED_BY) * share).astype(np.float32)
     return tuple(PoseForm(*bend, height_mm) for bend in _WEB_RAISED_BY)

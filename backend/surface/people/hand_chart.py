@@ -25,7 +25,7 @@ THUMB = 4
 """The place of the thumb among the digits: index, middle, pinky, ring, thumb."""
 _ON_DIGIT_MM = (3.0, 1.2)
 _NO_DIGIT_MM = -299.0  # along one, of vertices beyond its reach
-_BOTH = 0.15  # of a digit's section: how softly one ends where another begins
+_BOTH = 0.4  # of a digit's section: how softly one ends where another begins
 _ROOT_MM, _THUMB_ROOT_MM = (8.0, 16.0), (-12.0, -2.0)  # along a digit, over which it leaves the palm
 
 
@@ -124,7 +124,7 @@ def chart_arrays() -> dict[str, np.ndarray]:
 
 
 def _on_digits(chart: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Compute how much each vertex [N] is a digit's; between two it is of both, so that nothing steps where they meet."""
+    """Compute how much each vertex [N] is a digit's; between two it is of both, and nothing steps where they meet."""
     along_mm = chart["along_lateral"][..., 0] * np.float32(COORDINATE_STEP_MM)
     ends = (_THUMB_ROOT_MM if digit == THUMB else _ROOT_MM for digit in range(along_mm.shape[1]))
     root = np.stack([smoothstep(along, *end) for along, end in zip(along_mm.T, ends, strict=True)], 1)
