@@ -32,6 +32,7 @@ _NAIL = {
 }
 _SPOT = np.array([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]], np.float32)  # of a freckle at its darkest
 _PALE = 0.45, 0.97  # of the palm side, over which skin grows pale: pigment reaches round the edges
+_ARM_PALM, _WRIST_MM, _SOFT_WRIST_MM = 0.35, (-26.0, 4.0), (-58.0, 14.0)  # of the chart's palm side; softer
 _COARSE_FOLD = np.float32(0.65)  # of the folds' colour: blurred, all of it is too much
 # How much more blood shows as much redness through deep pigment as through light.
 _BELOW_PIGMENT = 1.0
@@ -46,7 +47,7 @@ def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, l
     """Draw the logarithm [T, 3] of the albedo, without what is finer than the relief's folds' own shade."""
     noise = SolidNoise.of(look.random(_BLOOD_PURPOSE))
     outer = _mixed(look, _BACK) + chart.arm[:, None] * (_mixed(look, _ARM) - _mixed(look, _BACK))
-    palm = 0.9 * (smoothstep(chart.palm, *_PALE) * (1 - _web(chart)))[:, None]
+    palm = 0.9 * (_pale(chart) * (1 - _web(chart)))[:, None]
     skin = outer + palm * (_mixed(look, _PALM) - outer)
     blood = look.blood - 1 + _blood(chart, noise, look)
     skin = skin + blood[:, None] * BLOOD + _yellow(chart, noise, look)[:, None] * _YELLOW
@@ -56,6 +57,13 @@ def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, l
     skin = skin + _spots(chart, look)[:, None] * _mixed_linear(look, _SPOT)
     skin = skin + relief.furrow[:, None] * np.array([-0.10, -0.16, -0.18], np.float32)
     return _with_nails(chart, relief.nail_rim, noise, look, skin)
+
+
+def _pale(chart: HandChart) -> np.ndarray:
+    """Return how far the palm's paleness reaches [T]: not round the edges, and softly into the arm."""
+    d = plane(chart.points_mm)[:, 0]
+    drawn, soft = (_ARM_PALM + (1 - _ARM_PALM) * smoothstep(d, *ends) for ends in (_WRIST_MM, _SOFT_WRIST_MM))
+    return smoothstep(chart.palm / drawn, *_PALE) * soft
 
 
 def _web(chart: HandChart) -> np.ndarray:
@@ -188,7 +196,7 @@ def _with_nails(chart: HandChart, rim: np.ndarray, noise: SolidNoise, look: Pers
     nail = _towards(nail, colours["cuticle"], 0.35 * cuticle)
     flesh = skin[at] + (bump(near - 1.12, 0.08) * smoothstep(along, 1.1, 0.7) * 0.35)[:, None] * BLOOD
     coloured = skin.copy()
-    coloured[at] = _towards(flesh, nail, smoothstep(near, 1.03, 0.96))
+    coloured[at] = _towards(flesh, nail, smoothstep(near, 1.05, 0.95))
     return coloured
 
 
