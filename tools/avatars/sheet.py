@@ -24,9 +24,8 @@ from ..lookdev.views import WHOLE_HANDS
 from .people import PEOPLE
 
 _TILE_PX, _FINER = 230, 2  # of a tile, and of the picture that is made small to it
-_MM_PER_PX, _FARTHER_MM = 0.5, 25.0  # of that picture; how far towards the wrist it looks
-_VIEWS = ("open, back", "open, palm", "fist, back")
-_EXPOSURE_OF_DEEP = 2.2  # against that of light skin
+# Views of lookdev: size of a pixel of that picture, and the exposure of deep skin against that of light skin.
+_VIEWS = {"open, back": (0.55, 2.2), "open, palm": (0.55, 1.3), "fist, back": (0.36, 2.2)}
 _GREY, _CLEAR = 0.12, 1e-3
 
 
@@ -40,14 +39,13 @@ def people_sheet(avatars: Sequence[Avatar]) -> np.ndarray:
 
 def _tile(studio: AvatarStudio, view: str) -> np.ndarray:
     """Render [P, P, 3] encoded."""
-    along, *aside = WHOLE_HANDS[view].offset_mm
-    at = WHOLE_HANDS[view]._replace(offset_mm=(along - _FARTHER_MM, *aside), mm_per_px=_MM_PER_PX)
-    picture = studio.picture(at, _FINER * _TILE_PX)
+    mm_per_px, exposure_of_deep = _VIEWS[view]
+    picture = studio.picture(WHOLE_HANDS[view]._replace(mm_per_px=mm_per_px), _FINER * _TILE_PX)
     surface = studio.renderer.avatar.surface
     deep = 0.0 if surface is None else min(surface.person.melanin, 1.0)
     colour, alpha = picture[..., :3], picture[..., 3:]
     linear = srgb_to_linear(torch.as_tensor(colour / alpha.clip(_CLEAR))).numpy()
-    lit = alpha * linear * (1 + (_EXPOSURE_OF_DEEP - 1) * deep) + _GREY * (1 - alpha)
+    lit = alpha * linear * (1 + (exposure_of_deep - 1) * deep) + _GREY * (1 - alpha)
     return linear_to_srgb(lit.clip(0, 1).reshape(_TILE_PX, _FINER, _TILE_PX, _FINER, 3).mean((1, 3)))
 
 
