@@ -14,14 +14,13 @@ import torch
 
 from ...backend.avatars.avatar import Avatar
 from ...backend.avatars.file import load_avatar
-from ...backend.avatars.library import AVATAR_HELP, avatar_path
+from ...backend.avatars.library import AVATAR_HELP, SHIPPED, SKINS, avatar_path
 from ...backend.capture.picture import linear_to_srgb
 from ...backend.evaluation.contact_sheet import save_sheet, tile
 from ...backend.hand.model_file import load_default_hand
 from ...backend.image.srgb import srgb_to_linear
 from ..lookdev.sheets import AvatarStudio
 from ..lookdev.views import WHOLE_HANDS
-from .people import PEOPLE
 
 _TILE_PX, _FINER = 230, 2  # of a tile, and of the picture that is made small to it
 # Views of lookdev: size of a pixel of that picture, and the exposure of deep skin against that of light skin.
@@ -55,7 +54,7 @@ def main() -> None:
     parser.add_argument("picture", type=Path, help="to write")
     parser.add_argument("avatars", nargs="*", type=avatar_path, help=AVATAR_HELP.replace("(default: light)", ""))
     arguments = parser.parse_args()
-    paths = arguments.avatars or [avatar_path(name) for name in PEOPLE]
+    paths = arguments.avatars or [avatar_path(name) for name in SHIPPED[len(SKINS) :]]
     save_sheet(people_sheet([load_avatar(path) for path in paths]), arguments.picture)
 
 
