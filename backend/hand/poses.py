@@ -70,7 +70,7 @@ POSES: dict[str, LibraryPose] = {
     "Loose Fist": _pose("Basic", "Half-closed hand", "thumb", ("relaxed",),
         (53, 62, 32), (57, 66, 35), (62, 67, 35), (60, 66, 33), (1, 2, -3, 1), (5, -9, -8, 22, 8)),
     "Fist": _pose("Basic", "Closed fist, thumb outside", "palm", (),
-        (74, 89, 64), (77, 92, 61), (68, 89, 66), (69, 87, 59), (2, 3, 1, -1), (16, 2, -6, 23, 54)),
+        (82, 80, 47), (79, 89, 70), (74, 92, 70), (72, 84, 61), (4, 7, 2, -5), (16, 7, -12, 29, 41)),
     "Claw": _pose("Basic", "Spread fingers, bent at their middle joints", "palm", ("monster",),
         (-14, 52, 34), (-14, 52, 34), (-14, 52, 34), (-14, 52, 34), (7, 1, -5, -10), (-8, 0, 6, 8, 44)),
     "Point": _pose("Gestures", "Index finger straight", "palm", ("index", "there"),

@@ -3,27 +3,35 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 from ...backend.system.files import replacing
 from ..scene.file_paths import operator_path
 from .node_graph import NodeGraph, Socket, enable_nodes
-from .skin import SkinChannels, SkinTone, procedural_channels
+from .skin import MASKS, SkinChannels, SkinTone, procedural_channels
 
 MAPS = ("albedo", "height", "mask")
 
 _MASK_PX = 2048
+_MADE_OF = "maps.sha256"  # beside the maps: of what they show
 
 
 def bake_skin(surface: bpy.types.Object, folder: Path, tone: SkinTone, size_px: int = 2048) -> dict[str, Path]:
-    """Write `albedo.exr`, `height.exr` and `mask.exr` (linear) to the folder unless all exist; returns their paths."""
+    """Write `albedo.exr`, `height.exr` and `mask.exr` (linear) to the folder; returns their paths.
+
+    Maps that are there are kept if they are of this tone, size and surface, and written anew if not.
+    """
     paths = {name: folder / f"{name}.exr" for name in MAPS}
-    if all(path.is_file() for path in paths.values()):
+    record, made_of = folder / _MADE_OF, _sha256_of_maps(surface, tone, size_px)
+    if all(path.is_file() for path in (record, *paths.values())) and record.read_text("ascii", "replace") == made_of:
         return paths
     folder.mkdir(parents=True, exist_ok=True)
+    record.unlink(missing_ok=True)
     material = bpy.data.materials.new("bake")
     surface.data.materials.clear()
     surface.data.materials.append(material)
@@ -34,6 +42,8 @@ def bake_skin(surface: bpy.types.Object, folder: Path, tone: SkinTone, size_px: 
             _bake_emission(surface, graph, paths[name], size_px)
     surface.data.materials.clear()
     bpy.data.materials.remove(material)
+    with replacing(record) as temporary:
+        temporary.write_text(made_of, "ascii")
     return paths
 
 
@@ -48,6 +58,17 @@ def bake_mask(surface: bpy.types.Object, name: str, path: Path) -> None:
         _bake_emission(surface, graph, path, _MASK_PX)
     surface.data.materials.clear()
     bpy.data.materials.remove(material)
+
+
+def _sha256_of_maps(surface: bpy.types.Object, tone: SkinTone, size_px: int) -> str:
+    """Digest all that the maps are made of: the tone, their size, and the surface's masks."""
+    digest = hashlib.sha256(repr((tone, size_px)).encode())
+    for name in MASKS:
+        data = surface.data.attributes[name].data
+        values = np.empty(len(data), np.float32)
+        data.foreach_get("value", values)
+        digest.update(values.tobytes())
+    return digest.hexdigest()
 
 
 @contextlib.contextmanager

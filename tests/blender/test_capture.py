@@ -194,14 +194,30 @@ def test_nails_are_smooth_and_folds_lie_on_the_back(coarse_surface, right_hand, 
     assert np.percentile(fold_dorsal[back], 90) > 0.2
 
 
+def test_maps_of_another_person_are_baked_anew(coarse_surface, right_hand, tmp_path):
+    capture_scene(threads=1)
+    surface = SkinSurface.create(right_hand, coarse_surface)
+    tones = {melanin: SkinTone.of(Person(melanin=melanin)) for melanin in (0.0, 1.0)}
+    albedo = bake_skin(surface.object, tmp_path, tones[0.0], size_px=32)["albedo"]
+    of_light, written_ns = _at_vertices(albedo, coarse_surface).mean(), albedo.stat().st_mtime_ns
+    bake_skin(surface.object, tmp_path, tones[0.0], size_px=32)
+    assert albedo.stat().st_mtime_ns == written_ns
+    bake_skin(surface.object, tmp_path, tones[1.0], size_px=32)
+    assert _at_vertices(albedo, coarse_surface).mean() < 0.6 * of_light
+    (tmp_path / "maps.sha256").unlink()  # as of a version that kept no record
+    bake_skin(surface.object, tmp_path, tones[0.0], size_px=32)
+    assert _at_vertices(albedo, coarse_surface).mean() == pytest.approx(of_light, rel=1e-3)
+
+
 def _at_vertices(path, detail):
     """[N, 3] of a baked map at the vertices."""
     image = bpy.data.images.load(str(path))
     pixels = np.empty((image.size[1], image.size[0], 4), np.float32)
     image.pixels.foreach_get(pixels.ravel())
+    bpy.data.images.remove(image)
     uv = np.zeros((len(detail.vertices_m), 2))
     uv[detail.faces.ravel()] = detail.uv.reshape(-1, 2)
-    size = np.array(image.size)
+    size = np.array(pixels.shape[1::-1])
     column, row = np.clip((uv * size).astype(int), 0, size - 1).T
     return pixels[row, column, :3]
 
@@ -362,7 +378,7 @@ def test_an_unwritable_folder_is_an_error(tmp_path, no_renders):
 def test_the_same_seed_renders_the_same_image(tiny, coarse_surface, tmp_path, monkeypatch):
     monkeypatch.setattr(capture_render, "detailed_surface", lambda model: coarse_surface)
     monkeypatch.setattr(
-        capture_render, "bake_skin", lambda surface, folder, tone: bake_skin(surface, tiny / "skin", tone)
+        capture_render, "bake_skin", lambda surface, folder, tone: bake_skin(surface, tiny / "skin", tone, 64)
     )
     render_capture(tmp_path, TINY, {"made_by": "test"}, threads=1)
     for path in sorted((tiny / "images").iterdir()):

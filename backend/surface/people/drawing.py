@@ -27,9 +27,9 @@ from ..detail_maps_file import (
     WIDEST_MM,
 )
 from ..detail_mesh import DetailTemplate
-from ..detail_surface import HEIGHT_STEP_MM, PADDING, VEIN_STEP, load_detail_surface
+from ..detail_surface import HEIGHT_STEP_MM, PADDING, VEIN_STEP, PoseForm, load_detail_surface
 from .drawn_albedo import drawn_log_albedo, fold_log_albedo, joint_blood
-from .drawn_forms import drawn_padding_mm, drawn_veins
+from .drawn_forms import drawn_padding_mm, drawn_veins, rounded_valleys_mm, web_forms
 from .drawn_relief import drawn_relief
 from .hand_chart import HandChart, smoothstep
 from .look import PersonLook
@@ -78,8 +78,10 @@ def drawn_person(hand: HandModel, look: PersonLook, base: dict[str, np.ndarray],
     arrays = _relief_arrays(template, look, sizes.fine)
     vertices = HandChart.at_vertices(template)
     arrays["vein"] = _steps(drawn_veins(vertices, lines), VEIN_STEP, np.int8).clip(0, 100)
-    arrays[PADDING] = _steps(drawn_padding_mm(vertices, look), HEIGHT_STEP_MM, np.int8)
+    padding_mm = rounded_valleys_mm(template, vertices, drawn_padding_mm(vertices, look))
+    arrays[PADDING] = _steps(padding_mm, HEIGHT_STEP_MM, np.int8)
     arrays[DRAINS] = _steps(joint_blood(vertices, look), DRAIN_STEP, np.uint8)
+    arrays |= _form_arrays(base, web_forms(vertices))
     arrays["hair/share"] = _hair_share(template, look, base["hair/share"])
     return DrawnPerson(arrays, _log_albedo(template, look, lines, sizes.ratio))
 
@@ -98,6 +100,16 @@ def _relief_arrays(template: DetailTemplate, look: PersonLook, resolution: int) 
     arrays |= {"fine/pigment_light": pigment, "fine/pigment_deep": pigment}
     arrays["nail"] = _steps(bands.coarse(smoothstep(relief.nail_rim, 0.97, 0.90)), NAIL_STEP, np.int8)
     return arrays
+
+
+def _form_arrays(base: dict[str, np.ndarray], own: tuple[PoseForm, ...]) -> dict[str, np.ndarray]:
+    """Return the arrays of the base's forms and of a person's own."""
+    added = {
+        "form/joint": [form.joint for form in own],
+        "form/range_deg": [(form.start_deg, form.full_deg) for form in own],
+        "form/height": [_steps(form.height_mm, HEIGHT_STEP_MM, np.int8) for form in own],
+    }
+    return {name: np.concatenate([base[name], np.array(rows, base[name].dtype)]) for name, rows in added.items()}
 
 
 def _log_albedo(template: DetailTemplate, look: PersonLook, lines: PlaneImage, resolution: int) -> np.ndarray:

@@ -24,6 +24,8 @@ REACH_MM = 9.0
 THUMB = 4
 """The place of the thumb among the digits: index, middle, pinky, ring, thumb."""
 _ON_DIGIT_MM = (3.0, 1.2)
+_NO_DIGIT_MM = -299.0  # along one, of vertices beyond its reach
+_BOTH = 0.4  # of a digit's section: how softly one ends where another begins
 _ROOT_MM, _THUMB_ROOT_MM = (8.0, 16.0), (-12.0, -2.0)  # along a digit, over which it leaves the palm
 
 
@@ -85,15 +87,13 @@ class HandChart:
             blended(chart["along_lateral"][corners, of_digit].astype(np.float32)) * np.float32(COORDINATE_STEP_MM), 1, 0
         )
         shares = blended(chart["shares"][corners, of_digit].astype(np.float32)) * np.float32(SHARE_STEP)
-        distance = blended(chart["distance"][corners].astype(np.float32)) * np.float32(COORDINATE_STEP_MM)
         palm, arm = (blended(chart[name][corners].astype(np.float32)) / WHOLE_SHARE for name in ("palm", "arm"))
-        root = np.where(digit == THUMB, *(smoothstep(along, *ends) for ends in (_THUMB_ROOT_MM, _ROOT_MM)))
         normals = blended(template.normals.numpy()[corners])
         return cls(
             points_mm=blended(1e3 * template.rest_vertices().numpy()[corners]),
             normals=normals / np.linalg.norm(normals, axis=1, keepdims=True).clip(1e-6),
             digit=digit,
-            on_digit=root * smoothstep(distance, *_ON_DIGIT_MM),
+            on_digit=blended(_on_digits(chart)[corners]),
             along=along,
             lateral=lateral,
             side=shares[:, 0],
@@ -121,6 +121,19 @@ def chart_arrays() -> dict[str, np.ndarray]:
     """Read the file's arrays, in whole steps."""
     with np.load(builtin_hand_path().with_name(CHART_FILE), allow_pickle=False) as archive:
         return {name: archive[name] for name in archive.files}
+
+
+def _on_digits(chart: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Compute how much each vertex [N] is a digit's; between two it is of both, and nothing steps where they meet."""
+    along_mm = chart["along_lateral"][..., 0] * np.float32(COORDINATE_STEP_MM)
+    ends = (_THUMB_ROOT_MM if digit == THUMB else _ROOT_MM for digit in range(along_mm.shape[1]))
+    root = np.stack([smoothstep(along, *end) for along, end in zip(along_mm.T, ends, strict=True)], 1)
+    across = np.hypot(*np.moveaxis(chart["shares"][..., :2] * np.float32(SHARE_STEP), -1, 0))
+    across = np.where(along_mm > _NO_DIGIT_MM, across, np.inf)
+    nearest = np.where(np.isfinite(across.min(1)), across.min(1), 0)[:, None]
+    share = np.exp((nearest - across) / _BOTH)
+    distance_mm = chart["distance"] * np.float32(COORDINATE_STEP_MM)
+    return (share * root).sum(1) / share.sum(1).clip(1e-6) * smoothstep(distance_mm, *_ON_DIGIT_MM)
 
 
 def smoothstep(values: np.ndarray, start: float, end: float) -> np.ndarray:

@@ -60,12 +60,13 @@ class LineStroke(NamedTuple):
 _PALM: tuple[tuple[Points, float, float], ...] = (
     (((67, 33), (65, 24), (57, 15), (43, 8), (27, 5), (12, 8)), 1.0, 0.55),
     (((68, 33), (66, 20), (60, 4), (51, -12), (43, -25)), 0.9, 0.5),
-    (((90, 15), (83, 10), (77, -2), (73, -16), (69, -30), (68, -38)), 0.95, 0.5),
+    (((89, 15), (81, 9), (75, -2), (72, -16), (69, -29), (68, -38)), 0.95, 0.5),
     (((18, -1), (40, -3), (62, -4)), 0.3, 0.35),
     (((2, -26), (0, 0), (3, 26)), 0.7, 0.5),
     (((-7, -25), (-9, 0), (-6, 25)), 0.5, 0.45),
     (((-19, -23), (-21, 2), (-18, 24)), 0.25, 0.4),
 )
+_TOGETHER, _APART = 1.9, 2.0  # of all of a curve, and of its knots before neighbours are averaged
 _DEEP_FROM = 0.6  # of a crease that has branches
 _VEINS: tuple[tuple[Points, float], ...] = (
     (((97, 15), (80, 14), (60, 13), (38, 7), (10, 14), (-32, 20), (-96, 24), (-172, 25)), 1.5),
@@ -113,7 +114,12 @@ def veins(random: np.random.Generator) -> PlaneImage:
 
 
 def _moved(points: Points, random: np.random.Generator, deviation_mm: float) -> np.ndarray:
-    return np.array(points) + random.normal(0, 1.5 * deviation_mm, 2) + random.normal(0, deviation_mm, (len(points), 2))
+    """Move a curve's knots, neighbours alike: one that moves alone would be a kink."""
+    apart = random.normal(0, _APART * deviation_mm, (len(points), 2))
+    for _ in range(2):
+        padded = np.pad(apart, ((1, 1), (0, 0)), mode="edge")
+        apart = 0.25 * padded[:-2] + 0.5 * apart + 0.25 * padded[2:]
+    return np.array(points) + random.normal(0, _TOGETHER * deviation_mm, 2) + apart
 
 
 def _stroke(

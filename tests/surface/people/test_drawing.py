@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
-from livehand.backend.surface.base_surface import HAIR_FILE, base_arrays
+from livehand.backend.surface.base_surface import HAIR_FILE, SURFACE_FILE, base_arrays
 from livehand.backend.surface.detail_maps_file import NAIL_STEP
 from livehand.backend.surface.people.drawing import AtlasSizes, drawn_person
 from livehand.backend.surface.people.drawn_relief import nail_shape
@@ -20,7 +20,7 @@ SIZES = AtlasSizes(fine=512, ratio=256)
 @pytest.fixture(scope="module")
 def drawn():
     look = PersonLook.of(7, {"age": 35.0, "tone": 0.1})
-    return drawn_person(load_default_hand(), look, base_arrays(HAIR_FILE), SIZES)
+    return drawn_person(load_default_hand(), look, base_arrays(HAIR_FILE, SURFACE_FILE), SIZES)
 
 
 def test_surfaces_take_the_arrays(drawn):
@@ -68,3 +68,12 @@ def test_hair_is_where_it_was_but_not_as_dense(drawn):
     share = drawn.arrays["hair/share"]
     assert share[base == 0].max() == 0
     assert 0.5 * base.mean() < share.mean() < base.mean()
+
+
+def test_the_bases_forms_stay_and_the_persons_own_follow(drawn):
+    base = base_arrays(SURFACE_FILE)
+    for name in ("form/joint", "form/range_deg", "form/height"):
+        own = drawn.arrays[name]
+        assert own.dtype == base[name].dtype
+        assert len(own) > len(base[name])
+        assert np.array_equal(own[: len(base[name])], base[name])

@@ -41,7 +41,7 @@ def test_the_back_of_a_light_hand_is_usual(chart, people):
 
 
 @pytest.mark.parametrize("tone", [0.05, 1.0])
-def test_nails_have_a_pink_bed_a_pale_moon_and_a_white_edge(chart, tone):
+def test_nails_have_a_pink_bed_a_pale_moon_and_an_edge_that_flesh_is_seen_through(chart, tone):
     one = drawn(chart, PersonLook.of(5, {"tone": tone, "nails": 1.5, "age": 25.0}))
     thumb = (chart.digit == THUMB) & (one.relief.nail_rim < 0.96) & (np.abs(chart.nail_across) < 0.4)
     along = chart.nail_along
@@ -52,8 +52,9 @@ def test_nails_have_a_pink_bed_a_pale_moon_and_a_white_edge(chart, tone):
     assert 11 < bed[1] < 19
     assert moon[0] > bed[0] + 3
     assert moon[1] < bed[1] - 3
-    assert edge[0] > bed[0] + 8
-    assert edge[1] < 8
+    assert bed[0] + 3 < edge[0] < 80
+    assert 4 < edge[1] < bed[1] - 5
+    assert 9 < edge[2] < 16  # yellowish grey
 
 
 def test_joints_tips_and_edges_are_redder(chart, people):

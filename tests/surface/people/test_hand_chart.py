@@ -43,3 +43,14 @@ def test_the_file_has_a_row_for_every_vertex(template):
     arrays = chart_arrays()
     assert len(arrays["digit"]) == len(template.offset_m)
     assert arrays["joints_along"].shape == (5, 3)
+
+
+def test_skin_between_two_fingers_is_of_both(template):
+    """Along edges of the mesh that lead from one finger's skin to the next one's."""
+    chart = HandChart.at_vertices(template)
+    faces = template.faces.numpy()
+    start, end = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]]).T
+    between = (chart.digit[start] != chart.digit[end]) & ~(chart.is_thumb[start] | chart.is_thumb[end])
+    step = np.abs(chart.on_digit[start] - chart.on_digit[end])[between]
+    assert between.sum() > 200
+    assert np.quantile(step, 0.95) < 0.2  # .49 if each vertex were of its nearest finger alone
