@@ -35,7 +35,7 @@ from ..records.frame import Frame, empty_frame
 from ..records.light import Light
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
-from ..surface.blood import DRAINS, Blanching
+from ..surface.blood import Blanching
 from ..surface.detail_mesh import DetailTemplate
 from ..surface.hair_growth import Hairs
 from .albedo import vertex_albedo
@@ -66,8 +66,6 @@ def reason_of_avatar(avatar: Avatar, hand: HandModel) -> str | None:
         return "its avatar has its capture's light baked in"
     if avatar.surface is None:
         return "its avatar has no surface of its own"
-    if DRAINS in avatar.surface.arrays:
-        return "its avatar's joints pale as they bend"
     if len(hand.v_template) > MOST_SURFELS:
         return f"its hand has more than {MOST_SURFELS} vertices"
     return None
@@ -173,6 +171,7 @@ class LitShots:
             skinning=Skinning.of(self.hand),
             template=DetailTemplate.of(self.surface.surface, model),
             maps=self.surface.maps_of(side),
+            joint_blood=self.surface.joint_blood,
             albedo=torch.as_tensor(vertex_albedo(self.avatar, self.hand), dtype=torch.float32),
             sampler=config.sampler.at_surface,
             stands_out_m=STANDS_OUT_M,

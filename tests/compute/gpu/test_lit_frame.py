@@ -29,6 +29,7 @@ from .whole_frames import (
     off_by,
     rendered_at_once,
     sequence_of,
+    with_blood_in_joints,
 )
 
 pytestmark = pytest.mark.slow
@@ -80,6 +81,33 @@ def test_what_makes_a_kind_counts_more_than_frames_may_differ(theirs, kind):
     theirs.forget()
     with_it = theirs.render(shot)
     assert off_by(theirs.render(changed), with_it) > 2 * FLIPPED_OF_LEFT
+
+
+@pytest.fixture(scope="module")
+def drawn(ours, theirs):
+    """The same renderers of a person with blood in the joints."""
+    avatar = with_blood_in_joints(ours.avatar)
+    return replace(ours, avatar=avatar), replace(theirs, avatar=avatar)
+
+
+@pytest.mark.parametrize("is_pressed", [False, pytest.param(True, marks=pytest.mark.nightly)])
+def test_joints_that_pale_as_they_bend_are_the_cpus(drawn, theirs, device, is_pressed):
+    """A hand whose fingers are bent; a frame without that blood, as of the same buffers, is another."""
+    pressed = np.where(np.arange(len(theirs.hand.v_template)) % 3 > 0, 0.0015, 0.0) if is_pressed else None
+    shot = replace(kinds()["without lamps"], pressed_m=pressed)
+    for renderer in (theirs, drawn[1]):
+        renderer.forget()
+    expected = drawn[1].render(shot)
+    flipped = FLIPPED_OF_LEFT if device.type == "cpu" else FLIPPED
+    assert off_by(theirs.render(shot), expected) > 2 * FLIPPED
+    assert_same_frame(rendered_at_once(drawn[0], shot), expected, flipped)
+    drains = sequence_of(drawn[0])["drains"]
+    kept = drains.numpy()
+    try:
+        drains.zero_()
+        assert off_by(rendered_at_once(drawn[0], shot), expected) > 2 * FLIPPED
+    finally:
+        drains.assign(kept)
 
 
 def test_the_pipeline_renders_at_once(ours, first, monkeypatch):

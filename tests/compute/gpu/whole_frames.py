@@ -9,6 +9,8 @@ import torch
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.light import Light, Sky
 from livehand.backend.render.lit_shots import reason_for_stages
+from livehand.backend.surface.base_surface import whole_surface
+from livehand.backend.surface.blood import DRAINS
 
 from .conftest import AREAS, POINT, SKY, SPOT, SUN, shots
 
@@ -47,6 +49,14 @@ def kinds():
         "pressed": replace(left, pressed_m=pressed, light=Light((POINT,), SKY)),
         "moving": replace(left, quality="preview", light=Light((SUN,), SKY)),
     }
+
+
+def with_blood_in_joints(avatar):
+    """The avatar with joints that pale as they bend, unevenly over the hand: as people drawn from numbers are."""
+    surface = avatar.surface
+    count = len(whole_surface(surface).arrays["offset"])
+    drains = (60 + 60 * np.sin(0.001 * np.arange(count))).astype(np.uint8)
+    return replace(avatar, surface=replace(surface, arrays={**surface.arrays, DRAINS: drains}))
 
 
 def near_objects(shot):
