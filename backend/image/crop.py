@@ -52,7 +52,7 @@ class Crop:
 
     def paste(self, values: np.ndarray, image: np.ndarray) -> None:
         """Copy full-resolution crop values [2 height, 2 width, ...] (times `scale`) into the image, in place."""
-        rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
+        rows, columns, inner_rows, inner_columns = self.overlap(image.shape[:2])
         image[rows, columns] = values[inner_rows, inner_columns]
 
     def paste_low_resolution(self, values: np.ndarray, image: np.ndarray) -> None:
@@ -63,13 +63,14 @@ class Crop:
 
     def cut(self, image: np.ndarray, outside: float = 0.0) -> np.ndarray:
         """Cut the full-resolution crop [2 height, 2 width, ...] out of an image; `outside` fills what lies beyond."""
-        rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
+        rows, columns, inner_rows, inner_columns = self.overlap(image.shape[:2])
         width, height = self.full_size_px
         values = np.full((height, width, *image.shape[2:]), outside, image.dtype)
         values[inner_rows, inner_columns] = image[rows, columns]
         return values
 
-    def _overlap(self, shape: tuple[int, ...]) -> tuple[slice, slice, slice, slice]:
+    def overlap(self, shape: tuple[int, ...]) -> tuple[slice, slice, slice, slice]:
+        """Find where the crop lies over an image [H, W]: its rows and columns there, and the crop's own."""
         width, height = self.full_size_px
         rows, inner_rows = _overlap_1d(self.scale * self.y0, height, shape[0])
         columns, inner_columns = _overlap_1d(self.scale * self.x0, width, shape[1])

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from ..avatars.avatar import Avatar
-from ..compute.lit_frames import FrameModel, LitFrameRenderer, LitShot, ShotPixels
+from ..compute.lit_frames import FrameModel, LitFrameRenderer, LitShot
 from ..compute.reference import ReferenceBackend
 from ..field.conditions import joint_pose
 from ..field.rays import camera_tensors
@@ -41,6 +41,7 @@ from ..surface.hair_growth import Hairs
 from .albedo import vertex_albedo
 from .avatar_surface import AvatarSurface, avatar_surface_of, hairs_on
 from .backends import choose_backend
+from .kept_images import KeptImages
 from .primary_hits import EDGE_M, STANDS_OUT_M
 
 BUCKET_PX = 64
@@ -114,7 +115,7 @@ class LitShots:
         if pixels is None:
             LOGGER.warning("a GPU's lists hold fewer edges or layers, or its memory is full; stages render this frame")
             return None
-        return _frame_of(pixels, crop, shot)
+        return self._images.frame(pixels, crop, shot.camera.size_px, shot.light is not None)
 
     def _lit_shot(self, shot: Shot, light: Light, mesh: PosedMesh, crop: Crop, window_px: tuple[int, int]) -> LitShot:
         model, pose, bounds = self._model(shot.pose.side), shot.pose, Bounds.of(mesh)
@@ -190,6 +191,10 @@ class LitShots:
         return hairs_on(self.surface, self._model("right").template)
 
     @cached_property
+    def _images(self) -> KeptImages:
+        return KeptImages()
+
+    @cached_property
     def _models(self) -> dict[Side, FrameModel]:
         return {}
 
@@ -202,11 +207,3 @@ def _patches_of(light: Light, vertices: Tensor) -> Patches | None:
     """Find what near a hand reflects light; None: nothing does."""
     patches = Patches.around(light, vertices)
     return patches if len(patches.position) else None
-
-
-def _frame_of(pixels: ShotPixels, crop: Crop, shot: Shot) -> Frame:
-    """Paste a crop's pixels into a frame of the whole image."""
-    frame = replace(empty_frame(shot.camera.size_px), is_lit=shot.light is not None)
-    for values, image in zip(pixels, (frame.rgb, frame.alpha, frame.depth), strict=True):
-        crop.paste(values, image)
-    return frame
