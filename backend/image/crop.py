@@ -9,8 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
-from ..field.rays import camera_tensors, project
+from ..field.rays import CameraTensors, camera_tensors, project
 from ..field.sampler import SamplerConfig
 from ..geometry.mesh import PosedMesh
 from ..geometry.tolerances import NEAR_M
@@ -49,6 +50,12 @@ class Crop:
     def camera_of(self, camera: Camera) -> Camera:
         """Return the low-resolution camera of the crop."""
         return camera.scaled(1 / self.scale).cropped(self.x0, self.y0, (self.width, self.height))
+
+    def tensors_of(self, camera: Camera) -> CameraTensors:
+        """Return `camera_of` as the CPU's tensors, of a camera that is known to be one."""
+        tensors, shift = camera_tensors(camera, "cpu"), np.array([[0, 0, self.x0], [0, 0, self.y0], [0, 0, 0.0]])
+        K = np.array([[1 / self.scale], [1 / self.scale], [1.0]]) * camera.K - shift
+        return tensors._replace(K=torch.as_tensor(K, dtype=torch.float32), size_px=(self.width, self.height))
 
     def paste(self, values: np.ndarray, image: np.ndarray) -> None:
         """Copy full-resolution crop values [2 height, 2 width, ...] (times `scale`) into the image, in place."""
@@ -90,9 +97,11 @@ def hand_crop(
 ) -> Crop | None:
     """Find the crop of projected vertices [V, 2], each extended by `reach_px` [V]; None if nothing is in view."""
     in_front = depth > NEAR_M
-    if not in_front.any():
-        return None
-    low, reach = np.ascontiguousarray(positions_px[in_front].T) / scale, reach_px[in_front] / scale
+    if not in_front.all():
+        if not in_front.any():
+            return None
+        positions_px, reach_px = positions_px[in_front], reach_px[in_front]
+    low, reach = np.ascontiguousarray(positions_px.T) / scale, reach_px / scale
     limit = (np.array(size_px) + scale - 1) // scale
     first = np.maximum(np.floor((low - reach).min(1)), 0)
     last = np.minimum(np.ceil((low + reach).max(1)), limit)

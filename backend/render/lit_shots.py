@@ -19,7 +19,6 @@ from ..avatars.avatar import Avatar
 from ..compute.lit_frames import FrameModel, LitFrameRenderer, LitShot
 from ..compute.reference import ReferenceBackend
 from ..field.conditions import joint_pose
-from ..field.rays import camera_tensors
 from ..field.relightable import RelightableField
 from ..geometry.mesh import PosedMesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
@@ -28,8 +27,6 @@ from ..image.crop import Crop, crop_of
 from ..image.superres import RelightableSuperRes
 from ..light.indirect_diffuse import MOST_SURFELS
 from ..light.lamp_samples import LampSamples
-from ..light.nearby_geometry import Patches
-from ..light.samples import LightSamples
 from ..light.shadow_maps import Bounds
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light
@@ -42,6 +39,7 @@ from .albedo import vertex_albedo
 from .avatar_surface import AvatarSurface, avatar_surface_of, hairs_on
 from .backends import choose_backend
 from .kept_images import KeptImages
+from .kept_light import KeptLight, KeptPatches
 from .primary_hits import EDGE_M, STANDS_OUT_M
 
 BUCKET_PX = 64
@@ -119,7 +117,7 @@ class LitShots:
 
     def _lit_shot(self, shot: Shot, light: Light, mesh: PosedMesh, crop: Crop, window_px: tuple[int, int]) -> LitShot:
         model, pose, bounds = self._model(shot.pose.side), shot.pose, Bounds.of(mesh)
-        samples, is_fine = LightSamples.of(light, bounds), light.shadow_quality == "fine"
+        samples, is_fine = self._light.samples(light, bounds), light.shadow_quality == "fine"
         theta, forearm = (values * self._mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
         pressed = None if shot.pressed_m is None else Blanching.of(shot.pressed_m, model.template).both.numpy()
         return LitShot(
@@ -128,7 +126,7 @@ class LitShots:
             joint_pose=self._joint_pose(pose).numpy(),
             height_m=1e-3 * self.surface.surface.raised.height_mm(theta, self.surface.veins_mm, forearm),
             flex=self.surface.bend.flex(theta),
-            camera=camera_tensors(crop.camera_of(shot.camera), "cpu"),
+            camera=crop.tensors_of(shot.camera),
             window_px=window_px,
             scale=float(mesh.scale),
             bounds=bounds,
@@ -136,7 +134,7 @@ class LitShots:
             at_surfels=LampSamples.of(light.lamps, bounds) if is_fine else samples.lamps,
             has_fine_shadows=is_fine,
             occluders=np.asarray(light.occluders, np.float32),
-            patches=_patches_of(light, mesh.vertices),
+            patches=self._patches.around(light, mesh.vertices),
             hairs=round(shot.hair * len(model.hairs.radius_m)) if shot.hair > 0 else 0,
             pressed=pressed,
         )
@@ -195,15 +193,17 @@ class LitShots:
         return KeptImages()
 
     @cached_property
+    def _light(self) -> KeptLight:
+        return KeptLight()
+
+    @cached_property
+    def _patches(self) -> KeptPatches:
+        return KeptPatches()
+
+    @cached_property
     def _models(self) -> dict[Side, FrameModel]:
         return {}
 
     @cached_property
     def _renderers(self) -> dict[Side, LitFrameRenderer]:
         return {}
-
-
-def _patches_of(light: Light, vertices: Tensor) -> Patches | None:
-    """Find what near a hand reflects light; None: nothing does."""
-    patches = Patches.around(light, vertices)
-    return patches if len(patches.position) else None
