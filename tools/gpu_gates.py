@@ -73,8 +73,7 @@ def measured(name: str, machine: Machine, frames: int, most_s: float) -> list[Gp
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False, timeout=most_s)
         lines, ended = done.stdout.splitlines(), f"ended with exit code {done.returncode}"
     except subprocess.TimeoutExpired as error:
-        written = error.stdout or b""
-        lines = (written.decode() if isinstance(written, bytes) else written).splitlines()
+        lines = (error.stdout or b"").decode().splitlines()  # bytes, whatever was asked for
         done, ended = None, f"not done after {most_s:.0f} s"
     for line in lines:
         with suppress(json.JSONDecodeError, TypeError):

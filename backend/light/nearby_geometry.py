@@ -56,8 +56,8 @@ class Blockers(NamedTuple):
 
     def seen(self, pieces: Pieces) -> Pieces:
         """Keep the pieces that nothing hides from the nearest of a hand's vertices that lie before them."""
-        way = np.float32(pieces.vertex - pieces.position)
-        start = np.float32(pieces.position - self.origin)
+        way = (pieces.vertex - pieces.position).astype(np.float32)
+        start = (pieces.position - self.origin).astype(np.float32)
         rows = [slice(first, first + _IN_CACHE) for first in range(0, len(way), _IN_CACHE)]
         is_hidden = [self._is_hidden(start[some], way[some]) for some in rows]
         return pieces.chosen(~np.concatenate([np.zeros(0, bool), *is_hidden]))

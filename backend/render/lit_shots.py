@@ -24,8 +24,10 @@ from ..geometry.mesh import PosedMesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.topology import Skinning, topology_of
 from ..image.crop import Crop, crop_of
+from ..image.kept_images import KeptImages
 from ..image.superres import RelightableSuperRes
 from ..light.indirect_diffuse import MOST_SURFELS
+from ..light.kept_samples import KeptPatches, KeptSamples
 from ..light.lamp_samples import LampSamples
 from ..light.shadow_maps import Bounds
 from ..records.frame import Frame, empty_frame
@@ -38,8 +40,6 @@ from ..surface.hair_growth import Hairs
 from .albedo import vertex_albedo
 from .avatar_surface import AvatarSurface, avatar_surface_of, hairs_on
 from .backends import choose_backend
-from .kept_images import KeptImages
-from .kept_light import KeptLight, KeptPatches
 from .primary_hits import EDGE_M, STANDS_OUT_M
 
 BUCKET_PX = 64
@@ -193,8 +193,8 @@ class LitShots:
         return KeptImages()
 
     @cached_property
-    def _light(self) -> KeptLight:
-        return KeptLight()
+    def _light(self) -> KeptSamples:
+        return KeptSamples()
 
     @cached_property
     def _patches(self) -> KeptPatches:

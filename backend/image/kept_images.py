@@ -7,12 +7,12 @@ as to copy the pixels of a hand.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
 import numpy as np
 
-from ..compute.lit_frames import ShotPixels
-from ..image.crop import Crop
 from ..records.frame import DEPTH_BACKGROUND, Frame, empty_frame
+from .crop import Crop
 
 _MOST_BYTES = 512 << 20
 """Of memory that is kept; a frame of 3840x2160 has 166 million."""
@@ -42,7 +42,7 @@ class _Images:
     def _references(self) -> list[int]:
         return [sys.getrefcount(array) for array in self.arrays]
 
-    def show(self, pixels: ShotPixels, crop: Crop) -> None:
+    def show(self, pixels: Sequence[np.ndarray], crop: Crop) -> None:
         """Paste a crop's pixels in place of what was shown."""
         window = crop.overlap(self.size_px[::-1])
         for array, values, empty in zip(self.arrays, pixels, _EMPTY, strict=True):
@@ -72,7 +72,7 @@ class KeptImages:
     def __init__(self, most_bytes: int = _MOST_BYTES) -> None:
         self._most_bytes, self._kept = most_bytes, list[_Images]()
 
-    def frame(self, pixels: ShotPixels, crop: Crop, size_px: tuple[int, int], is_lit: bool) -> Frame:
+    def frame(self, pixels: Sequence[np.ndarray], crop: Crop, size_px: tuple[int, int], is_lit: bool) -> Frame:
         """Return a frame of the whole image, whose arrays nobody can write, with a crop's pixels."""
         images = self._free(size_px)
         images.show(pixels, crop)

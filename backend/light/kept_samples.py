@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from ..light.lamp_samples import LampSamples
-from ..light.nearby_geometry import Patches
-from ..light.samples import LightSamples
-from ..light.shadow_maps import Bounds
 from ..records.light import Lamp, Light, ShadowQuality, Sky
+from .lamp_samples import LampSamples
+from .nearby_geometry import Patches
+from .samples import LightSamples
+from .shadow_maps import Bounds
 
 _NUMBERS = attrgetter(
     "kind", "radius_m", "angle_rad", "size_m", "is_ellipse", "spread_rad", "cone_rad", "blend", "casts_shadow"
 )
 
 
-class KeptLight:
+class KeptSamples:
     """Samples lights as `LightSamples.of` does; of the last one it keeps what does not depend on the hand.
 
     Lights are compared by their numbers, as arrays can be written in place.

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from livehand.backend.compute.lit_frames import ShotPixels
 from livehand.backend.image.crop import Crop
+from livehand.backend.image.kept_images import KeptImages
 from livehand.backend.records.frame import DEPTH_BACKGROUND, empty_frame
-from livehand.backend.render.kept_images import KeptImages
 
 SIZE_PX = 40, 30
 CROPS = [Crop(*place, 8, 6) for place in ((-3, -2), (4, 5), (16, 11), (6, 4), (4, 5), (30, 30), (0, 0))]

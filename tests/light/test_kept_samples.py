@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from livehand.backend.light.kept_samples import KeptPatches, KeptSamples
 from livehand.backend.light.nearby_geometry import Patches
 from livehand.backend.light.samples import LightSamples
 from livehand.backend.light.shadow_maps import Bounds
 from livehand.backend.records.light import Lamp, Light, Sky
-from livehand.backend.render.kept_light import KeptLight, KeptPatches
 
 AREA = Lamp("area", np.array([3.0, 2, 1]), np.array([0.0, -0.6, 0.4]), size_m=(0.3, 0.2))
 SUN = Lamp("sun", np.array([1.0, 2, 3]), angle_rad=0.02)
@@ -48,13 +48,13 @@ OTHERS = {
 @pytest.mark.parametrize("x_m", [0.0, 0.05, 2.0])  # at 2 m the area lamp has fewer samples
 @pytest.mark.parametrize("name", OTHERS)
 def test_after_another_light_samples_are_those_of_the_light_alone(name, x_m):
-    kept = KeptLight()
+    kept = KeptSamples()
     for light, place in ((LIGHT, 0.0), (OTHERS[name], x_m), (LIGHT, 0.0)):
         assert_same(kept.samples(light, at(place)), LightSamples.of(light, at(place)))
 
 
 def test_a_light_that_stays_keeps_its_tensors_and_only_angles_change():
-    kept = KeptLight()
+    kept = KeptSamples()
     first = kept.samples(LIGHT, at(0.0))
     again = kept.samples(Light((replace(AREA), replace(SUN)), Sky(SKY.radiance.copy())), at(0.05))
     assert again.sky is first.sky
@@ -64,7 +64,7 @@ def test_a_light_that_stays_keeps_its_tensors_and_only_angles_change():
 
 def test_a_sky_and_a_lamp_that_are_written_in_place_are_others():
     light = Light((replace(AREA, rgb=AREA.rgb.copy()),), Sky(SKY.radiance.copy()))
-    kept = KeptLight()
+    kept = KeptSamples()
     kept.samples(light, at(0.0))
     light.sky.radiance[:] *= 3
     light.lamps[0].rgb[:] = 7.0
