@@ -1,183 +1,136 @@
-"""Run the tests of a GPU and time whole frames on it: each of the gates, what was measured, and whether it holds.
+"""Measure what is asked of a GPU: each gate in a process of its own, what was measured, and whether it holds.
 
-python -m livehand.tools.gpu_gates [--frames N] [--skip-tests] [--rehearse]
+python -m livehand.tools.gpu_gates [--frames N] [--only GATE] [--minutes M] [--json FILE] [--rehearse]
+
+Lines and the file grow gate by gate: one that fails, hangs or ends its process takes no other with it.
 """
 
 from __future__ import annotations
 
 import argparse
-import statistics
+import json
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
-import numpy as np
-import torch
-
-from ..backend.avatars.file import load_avatar
-from ..backend.hand.model_file import load_default_hand
 from ..backend.records.errors import LiveHandError
-from ..backend.records.frame import Frame
-from ..backend.records.light import Lamp, Light, Sky, rotation_facing
-from ..backend.records.shot import Shot
-from ..backend.render.relightable import RelightablePipeline
-from ..backend.render.renderer import Renderer
-from ..backend.research.benchmark.cases import load_paper_avatar
-from ..backend.research.benchmark.motion import MovingHand
-from ..backend.research.benchmark.published import PublishedRenderer
+from .gpu_gate_jobs import (
+    GpuGate,
+    Machine,
+    gate_of_batch,
+    gate_of_first_frame,
+    gate_of_kernels,
+    gate_of_size,
+    gate_of_training,
+    gates_beside_paper,
+)
 
 _TESTS = "tests/test_cuda.py", "tests/compute/gpu"
 _REHEARSED_TESTS = ("tests/compute/gpu/test_backend.py",)
 _MOST_TEST_S = 100.0
-_SMALL = 334, 512
-_MOST_MS = {_SMALL: 1.5, (1920, 1080): 4.0, (3840, 2160): 12.0}
-_REHEARSED_PX = 64, 96
-_LEAST_TIMES_PAPER = 75.0
-_WARM_FRAMES = 4
+_REHEARSED_FRAMES = 1
+_ENDED = 5.0  # s, that are left for the last lines
+
+Job = Callable[[Machine, int], list[GpuGate]]
 
 
-class GpuGate(NamedTuple):
-    """What was asked and what was measured."""
-
-    name: str
-    asked: str
-    measured: str
-    holds: bool
-
-    def __str__(self) -> str:
-        """Return a line."""
-        return f"{'holds' if self.holds else 'FAILS':5}  {self.name}: {self.measured} ({self.asked})"
-
-
-def three_lamps_and_sky() -> Light:
-    """Return the light that the gates are for."""
-
-    def area(position: tuple[float, float, float], power_w: float) -> Lamp:
-        at = np.array(position)
-        return Lamp("area", np.full(3, power_w), at, rotation_facing(at / np.linalg.norm(at)), size_m=(0.25, 0.25))
-
-    lamps = area((-0.5, -0.6, 0.5), 6.0), area((0.1, 0.6, 0.5), 5.0), area((0.6, -0.4, 0.3), 3.0)
-    return Light(lamps, Sky(np.full((16, 32, 3), 0.3)))
-
-
-def moving_shots(size_px: tuple[int, int], count: int) -> list[Shot]:
-    """Return shots of a hand that moves, in that light."""
-    motion, light = MovingHand(load_default_hand(), size_px), three_lamps_and_sky()
-    return [replace(motion.shot(frame), light=light) for frame in motion.frames(count)]
-
-
-def median_ms(render, shots: list[Shot]) -> float:
-    """Time frames from shot to pixels on the host, after some to warm up."""
-    times, warm = [], shots[:_WARM_FRAMES]
-    for number, shot in enumerate([*warm, *shots]):
-        start = time.perf_counter()
-        render(shot)
-        if number >= len(warm):
-            times.append(1e3 * (time.perf_counter() - start))
-    return statistics.median(times)
-
-
-class Machine(NamedTuple):
-    """Where the gates are measured.
-
-    Attributes:
-        name: of it.
-        warp: Warp's name of the device.
-        torch: torch's name of it, for the paper's renderer.
-        most_ms: by size of frames, px.
-        tests: that are run.
-    """
-
-    name: str
-    warp: str
-    torch: str
-    most_ms: dict[tuple[int, int], float]
-    tests: tuple[str, ...]
-
-    @classmethod
-    def found(cls) -> Machine:
-        """Return the GPU.
-
-        Raises:
-            LiveHandError: there is none, or torch has no CUDA for the paper's renderer beside it.
-        """
-        if not torch.cuda.is_available():
-            raise LiveHandError(
-                "the gates must be measured on an NVIDIA GPU with CUDA's torch, got none; run this there"
-            )
-        return cls(torch.cuda.get_device_name(), "cuda:0", "cuda", _MOST_MS, _TESTS)
-
-    @classmethod
-    def rehearsed(cls) -> Machine:
-        """Return the CPU in place of a GPU, for small frames: all is run, and no time says anything."""
-        return cls("a rehearsal on the CPU", "cpu", "cpu", {_REHEARSED_PX: float("inf")}, _REHEARSED_TESTS)
-
-
-def frame_gates(machine: Machine, frames: int) -> list[GpuGate]:
-    """Time frames of all sizes, and the paper's renderer as published beside the smallest."""
-    from ..backend.compute.gpu.backend import WarpBackend
-
-    hand = load_default_hand()
-    renderer = Renderer(load_avatar(), hand, "cpu", "fp32", WarpBackend(machine.warp))
-    gates, of_small = [], 0.0
-    for size_px, most_ms in machine.most_ms.items():
-        took = median_ms(lambda shot: at_once(renderer, shot), moving_shots(size_px, frames))
-        of_small = of_small or took
-        name = f"frame of {size_px[0]}x{size_px[1]}, Shot to Frame"
-        gates.append(GpuGate(name, f"at most {most_ms} ms", f"{took:.2f} ms", took <= most_ms))
-    published = PublishedRenderer(load_paper_avatar(hand, None), hand, torch.device(machine.torch))
-    shots = moving_shots(next(iter(machine.most_ms)), min(frames, 8))
-    paper = median_ms(lambda shot: published.render(shot, lambda _: None), shots)
-    times = paper / of_small
-    asked = f"at least {_LEAST_TIMES_PAPER:.0f} times as fast"
-    gates.append(
-        GpuGate(f"the paper as published ({paper:.0f} ms)", asked, f"{times:.1f} times", times >= _LEAST_TIMES_PAPER)
-    )
-    return gates
-
-
-@torch.inference_mode()
-def at_once(renderer: Renderer, shot: Shot) -> Frame:
-    """Render a frame as one.
-
-    Raises:
-        LiveHandError: it was not, and a gate would time its stages.
-    """
-    pipeline = renderer.pipeline
-    assert isinstance(pipeline, RelightablePipeline)
-    frame = pipeline.at_once(shot)
-    if frame is None:
-        raise LiveHandError("a frame of the gates must be rendered at once, got one for stages; see its warning")
-    return frame
-
-
-def gate_of_tests(tests: tuple[str, ...]) -> GpuGate:
-    """Run tests that need a GPU."""
-    start = time.perf_counter()
-    root = Path(__file__).parents[1]
-    done = subprocess.run([sys.executable, "-m", "pytest", "-q", *tests], cwd=root, check=False)
+def gate_of_tests(machine: Machine, tests: Sequence[str] = _TESTS) -> GpuGate:
+    """Run the tests that need a GPU, without those that Warp's CPU device runs everywhere."""
+    if machine.is_rehearsal:
+        tests = _REHEARSED_TESTS
+    start, root = time.perf_counter(), Path(__file__).parents[1]
+    command = [sys.executable, "-m", "pytest", "-q", "-k", "not [cpu", *tests]
+    done = subprocess.run(command, cwd=root, check=False, stdout=sys.stderr)
     took = time.perf_counter() - start
     passed = "passed" if done.returncode == 0 else "FAILED"
     holds = done.returncode == 0 and took <= _MOST_TEST_S
     return GpuGate("tests on the GPU", f"pass within {_MOST_TEST_S:.0f} s", f"{passed}, {took:.0f} s", holds)
 
 
+JOBS: dict[str, tuple[Job, float]] = {
+    "kernels": (lambda machine, _: [gate_of_kernels(machine)], 150),
+    "first": (lambda machine, _: [gate_of_first_frame(machine)], 60),
+    "small": (gates_beside_paper, 90),
+    "1080p": (lambda machine, frames: [gate_of_size(machine, 1, frames)], 60),
+    "4k": (lambda machine, frames: [gate_of_size(machine, 2, frames)], 60),
+    "batch": (lambda machine, frames: [gate_of_batch(machine, frames)], 60),
+    "training": (lambda machine, _: [gate_of_training(machine)], 100),
+    "tests": (lambda machine, _: [gate_of_tests(machine)], 200),
+}
+"""What measures, and the most seconds that it is waited for."""
+
+
+def measured(name: str, machine: Machine, frames: int, most_s: float) -> list[GpuGate]:
+    """Run a job in a process of its own; one that does not end well is a gate that does not hold."""
+    command = [sys.executable, "-m", "livehand.tools.gpu_gates", "--job", name, "--frames", str(frames)]
+    if machine.is_rehearsal:
+        command.append("--rehearse")
+    found: list[GpuGate] = []
+    try:
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False, timeout=most_s)
+        lines, ended = done.stdout.splitlines(), f"ended with exit code {done.returncode}"
+    except subprocess.TimeoutExpired as error:
+        lines = (error.stdout or b"").decode().splitlines()  # bytes, whatever was asked for
+        done, ended = None, f"not done after {most_s:.0f} s"
+    for line in lines:
+        with suppress(json.JSONDecodeError, TypeError):
+            found.append(GpuGate(**json.loads(line)))
+    if done is None or done.returncode:
+        found.append(GpuGate(name, "ends", ended, False))
+    return found
+
+
+def all_measured(machine: Machine, names: Sequence[str], frames: int, minutes: float) -> Iterator[GpuGate]:
+    """Run jobs one after the other, as long as there is time."""
+    end = time.monotonic() + 60 * minutes
+    for name in names:
+        left = end - time.monotonic() - _ENDED
+        if left <= 0:
+            yield GpuGate(name, "ends", f"not begun, as {minutes:g} minutes are over", False)
+            continue
+        yield from measured(name, machine, frames, min(JOBS[name][1], left))
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure all; returns 1 if a gate does not hold, but 0 after a rehearsal."""
+    """Measure all; returns 1 if a gate does not hold; after a rehearsal, if a job did not end well."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=50, help="of each size (default: %(default)s)")
-    parser.add_argument("--skip-tests", action="store_true", help="only time frames")
+    parser.add_argument("--only", nargs="+", choices=JOBS, default=list(JOBS), help="these, in order")
+    parser.add_argument("--minutes", type=float, default=8.5, help="for all (default: %(default)s)")
+    parser.add_argument("--json", type=Path, default=Path("out/gpu_gates.json"), help="file (default: %(default)s)")
     parser.add_argument("--rehearse", action="store_true", help="on the CPU, which tells whether all of this runs")
+    parser.add_argument("--job", choices=JOBS, help=argparse.SUPPRESS)
     args = parser.parse_args(argv)
     machine = Machine.rehearsed() if args.rehearse else Machine.found()
-    gates = [] if args.skip_tests else [gate_of_tests(machine.tests)]
-    gates += frame_gates(machine, args.frames)
-    sys.stdout.write("\n".join([machine.name, *map(str, gates)]) + "\n")
-    return 0 if args.rehearse or all(gate.holds for gate in gates) else 1
+    frames = min(args.frames, _REHEARSED_FRAMES) if args.rehearse else args.frames
+    if args.job:
+        for gate in JOBS[args.job][0](machine, frames):
+            sys.stdout.write(json.dumps(gate._asdict()) + "\n")
+            sys.stdout.flush()
+        return 0
+    sys.stdout.write(f"{machine.name}\n")
+    gates: list[GpuGate] = []
+    start = time.monotonic()
+    for gate in all_measured(machine, args.only, frames, args.minutes):
+        gates.append(gate)
+        sys.stdout.write(f"{gate}\n")
+        sys.stdout.flush()
+        _keep(args.json, machine, gates, time.monotonic() - start)
+    held = [gate for gate in gates if gate.asked != "ends"] if args.rehearse else []
+    return 0 if len(held) == len(gates) or all(gate.holds for gate in gates) else 1
+
+
+def _keep(path: Path, machine: Machine, gates: list[GpuGate], seconds: float) -> None:
+    """Write what has been measured until now."""
+    known = {"machine": machine.name, "seconds": round(seconds, 1), "gates": [gate._asdict() for gate in gates]}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(known, indent=1) + "\n")
+    except OSError as error:
+        raise LiveHandError(f"the gates' file {path} must be writable, got: {error}; name another by --json") from error
 
 
 if __name__ == "__main__":

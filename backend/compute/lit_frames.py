@@ -21,6 +21,7 @@ from ..light.nearby_geometry import Patches
 from ..light.samples import LightSamples
 from ..light.shadow_maps import Bounds
 from ..records.shot import HandPose
+from ..surface.blood import JointBlood
 from ..surface.detail_maps import DetailMaps
 from ..surface.detail_mesh import DetailTemplate
 from ..surface.hair_growth import Hairs
@@ -37,6 +38,7 @@ class FrameModel:
         skinning: of the hand.
         template: of the avatar's surface.
         maps: of its detail.
+        joint_blood: that bending draws out of its joints; None: none.
         albedo: [V, 3] of the skin at the mesh's vertices.
         sampler: of the rays, at the surface.
         stands_out_m: how far skin may stand out of the mesh, template metres.
@@ -51,6 +53,7 @@ class FrameModel:
     skinning: Skinning
     template: DetailTemplate
     maps: DetailMaps
+    joint_blood: JointBlood | None
     albedo: Tensor
     sampler: SamplerConfig
     stands_out_m: float

@@ -9,8 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
-from ..field.rays import camera_tensors, project
+from ..field.rays import CameraTensors, camera_tensors, project
 from ..field.sampler import SamplerConfig
 from ..geometry.mesh import PosedMesh
 from ..geometry.tolerances import NEAR_M
@@ -50,9 +51,15 @@ class Crop:
         """Return the low-resolution camera of the crop."""
         return camera.scaled(1 / self.scale).cropped(self.x0, self.y0, (self.width, self.height))
 
+    def tensors_of(self, camera: Camera) -> CameraTensors:
+        """Return `camera_of` as the CPU's tensors, of a camera that is known to be one."""
+        tensors, shift = camera_tensors(camera, "cpu"), np.array([[0, 0, self.x0], [0, 0, self.y0], [0, 0, 0.0]])
+        K = np.array([[1 / self.scale], [1 / self.scale], [1.0]]) * camera.K - shift
+        return tensors._replace(K=torch.as_tensor(K, dtype=torch.float32), size_px=(self.width, self.height))
+
     def paste(self, values: np.ndarray, image: np.ndarray) -> None:
         """Copy full-resolution crop values [2 height, 2 width, ...] (times `scale`) into the image, in place."""
-        rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
+        rows, columns, inner_rows, inner_columns = self.overlap(image.shape[:2])
         image[rows, columns] = values[inner_rows, inner_columns]
 
     def paste_low_resolution(self, values: np.ndarray, image: np.ndarray) -> None:
@@ -63,13 +70,14 @@ class Crop:
 
     def cut(self, image: np.ndarray, outside: float = 0.0) -> np.ndarray:
         """Cut the full-resolution crop [2 height, 2 width, ...] out of an image; `outside` fills what lies beyond."""
-        rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
+        rows, columns, inner_rows, inner_columns = self.overlap(image.shape[:2])
         width, height = self.full_size_px
         values = np.full((height, width, *image.shape[2:]), outside, image.dtype)
         values[inner_rows, inner_columns] = image[rows, columns]
         return values
 
-    def _overlap(self, shape: tuple[int, ...]) -> tuple[slice, slice, slice, slice]:
+    def overlap(self, shape: tuple[int, ...]) -> tuple[slice, slice, slice, slice]:
+        """Find where the crop lies over an image [H, W]: its rows and columns there, and the crop's own."""
         width, height = self.full_size_px
         rows, inner_rows = _overlap_1d(self.scale * self.y0, height, shape[0])
         columns, inner_columns = _overlap_1d(self.scale * self.x0, width, shape[1])
@@ -89,9 +97,11 @@ def hand_crop(
 ) -> Crop | None:
     """Find the crop of projected vertices [V, 2], each extended by `reach_px` [V]; None if nothing is in view."""
     in_front = depth > NEAR_M
-    if not in_front.any():
-        return None
-    low, reach = np.ascontiguousarray(positions_px[in_front].T) / scale, reach_px[in_front] / scale
+    if not in_front.all():
+        if not in_front.any():
+            return None
+        positions_px, reach_px = positions_px[in_front], reach_px[in_front]
+    low, reach = np.ascontiguousarray(positions_px.T) / scale, reach_px / scale
     limit = (np.array(size_px) + scale - 1) // scale
     first = np.maximum(np.floor((low - reach).min(1)), 0)
     last = np.minimum(np.ceil((low + reach).max(1)), limit)

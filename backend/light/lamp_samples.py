@@ -77,6 +77,17 @@ class LampSamples(NamedTuple):
         rgb = np.array([lamp.rgb for lamp in lamps]).reshape(-1, 3)
         return cls(*tensors, rgb=_tensor(rgb, device), radius_rad=_tensor(np.array(angles).reshape(-1) / 2, device))
 
+    def around(self, lamps: tuple[Lamp, ...], bounds: Bounds, shadow_quality: ShadowQuality) -> LampSamples | None:
+        """Return the samples of the same lamps around another hand; None: they are others there."""
+        centre = bounds.centre.cpu().double().numpy()
+        if any(lamp.kind in ("point", "spot") for lamp in lamps):  # whose discs face the hand
+            return None
+        angles = [_angle_rad(lamp, centre) for lamp in lamps]
+        counts = [_sample_count(angle, shadow_quality) for angle in angles]
+        if counts != np.bincount(self.lamp.numpy(force=True), minlength=len(lamps)).tolist():
+            return None
+        return self._replace(radius_rad=_tensor(np.array(angles).reshape(-1) / 2, self.radius_rad.device))
+
     def views(self, bounds: Bounds) -> ShadowViews:
         """Return the views for shadow maps."""
         offset = self.position - bounds.centre
@@ -110,9 +121,7 @@ def _rows_of(
     index: int, lamp: Lamp, angle_rad: float, centre: np.ndarray, shadow_quality: ShadowQuality = "coarse"
 ) -> tuple[np.ndarray, ...]:
     """Make the columns of `LampSamples` for one lamp's samples."""
-    count = next(
-        samples for least_deg, samples in _SAMPLES_FROM_DEG[shadow_quality] if np.rad2deg(angle_rad) >= least_deg
-    )
+    count = _sample_count(angle_rad, shadow_quality)
     positions = _positions(lamp, centre, count)
 
     def column(value: float) -> np.ndarray:
@@ -135,6 +144,11 @@ def _rows_of(
         column(1 / max((1 - cos(half_cone)) * lamp.blend, 1e-4) if is_cone else 0.0),
         column(float(lamp.casts_shadow)),
     )
+
+
+def _sample_count(angle_rad: float, shadow_quality: ShadowQuality) -> int:
+    levels = _SAMPLES_FROM_DEG[shadow_quality]
+    return next(samples for least_deg, samples in levels if np.rad2deg(angle_rad) >= least_deg)
 
 
 def _no_rows(centre: np.ndarray) -> tuple[np.ndarray, ...]:

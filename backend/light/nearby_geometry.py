@@ -22,6 +22,7 @@ from .indirect_diffuse import Surfels
 from .shadow_maps import Bounds
 
 _MOST = 1024
+_IN_CACHE = 128  # pieces that are tried at once on all of these
 _TINY = 1e-12
 
 
@@ -55,15 +56,22 @@ class Blockers(NamedTuple):
 
     def seen(self, pieces: Pieces) -> Pieces:
         """Keep the pieces that nothing hides from the nearest of a hand's vertices that lie before them."""
-        way = np.float32(pieces.vertex - pieces.position)
-        start = np.float32(pieces.position - self.origin)
+        way = (pieces.vertex - pieces.position).astype(np.float32)
+        start = (pieces.position - self.origin).astype(np.float32)
+        rows = [slice(first, first + _IN_CACHE) for first in range(0, len(way), _IN_CACHE)]
+        is_hidden = [self._is_hidden(start[some], way[some]) for some in rows]
+        return pieces.chosen(~np.concatenate([np.zeros(0, bool), *is_hidden]))
+
+    def _is_hidden(self, start: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """Find which of some ways [N, 3] from their starts a triangle crosses."""
         height, u, v = start @ self.values.swapaxes(1, 2) - self.offsets[:, None]
         climb, along_u, along_v = way @ self.values.swapaxes(1, 2)
         with np.errstate(divide="ignore", invalid="ignore"):  # along a plane nothing is hidden: no comparison holds
             t = -height / climb
-            u, v = u + t * along_u, v + t * along_v
+            u += t * along_u
+            v += t * along_v
             is_hidden = (t > 0) & (t < 1) & (u >= 0) & (v >= 0) & (u + v <= 1)
-        return pieces.chosen(~is_hidden.any(1))
+        return is_hidden.any(1)
 
 
 def _largest(triangles: np.ndarray, near: np.ndarray) -> np.ndarray:

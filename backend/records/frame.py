@@ -11,7 +11,7 @@ from .depth_profile import DepthProfile
 
 @dataclass(frozen=True)
 class Frame:
-    """A rendered frame, top row first.
+    """A rendered frame, top row first; its arrays may be read-only.
 
     Attributes:
         rgb: [H, W, 3] float32, scene-linear Rec.709, premultiplied by alpha.

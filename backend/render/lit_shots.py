@@ -16,26 +16,25 @@ import torch
 from torch import Tensor
 
 from ..avatars.avatar import Avatar
-from ..compute.lit_frames import FrameModel, LitFrameRenderer, LitShot, ShotPixels
+from ..compute.lit_frames import FrameModel, LitFrameRenderer, LitShot
 from ..compute.reference import ReferenceBackend
 from ..field.conditions import joint_pose
-from ..field.rays import camera_tensors
 from ..field.relightable import RelightableField
 from ..geometry.mesh import PosedMesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.topology import Skinning, topology_of
 from ..image.crop import Crop, crop_of
+from ..image.kept_images import KeptImages
 from ..image.superres import RelightableSuperRes
 from ..light.indirect_diffuse import MOST_SURFELS
+from ..light.kept_samples import KeptPatches, KeptSamples
 from ..light.lamp_samples import LampSamples
-from ..light.nearby_geometry import Patches
-from ..light.samples import LightSamples
 from ..light.shadow_maps import Bounds
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
-from ..surface.blood import DRAINS, Blanching
+from ..surface.blood import Blanching
 from ..surface.detail_mesh import DetailTemplate
 from ..surface.hair_growth import Hairs
 from .albedo import vertex_albedo
@@ -66,8 +65,6 @@ def reason_of_avatar(avatar: Avatar, hand: HandModel) -> str | None:
         return "its avatar has its capture's light baked in"
     if avatar.surface is None:
         return "its avatar has no surface of its own"
-    if DRAINS in avatar.surface.arrays:
-        return "its avatar's joints pale as they bend"
     if len(hand.v_template) > MOST_SURFELS:
         return f"its hand has more than {MOST_SURFELS} vertices"
     return None
@@ -116,11 +113,11 @@ class LitShots:
         if pixels is None:
             LOGGER.warning("a GPU's lists hold fewer edges or layers, or its memory is full; stages render this frame")
             return None
-        return _frame_of(pixels, crop, shot)
+        return self._images.frame(pixels, crop, shot.camera.size_px, shot.light is not None)
 
     def _lit_shot(self, shot: Shot, light: Light, mesh: PosedMesh, crop: Crop, window_px: tuple[int, int]) -> LitShot:
         model, pose, bounds = self._model(shot.pose.side), shot.pose, Bounds.of(mesh)
-        samples, is_fine = LightSamples.of(light, bounds), light.shadow_quality == "fine"
+        samples, is_fine = self._light.samples(light, bounds), light.shadow_quality == "fine"
         theta, forearm = (values * self._mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
         pressed = None if shot.pressed_m is None else Blanching.of(shot.pressed_m, model.template).both.numpy()
         return LitShot(
@@ -129,7 +126,7 @@ class LitShots:
             joint_pose=self._joint_pose(pose).numpy(),
             height_m=1e-3 * self.surface.surface.raised.height_mm(theta, self.surface.veins_mm, forearm),
             flex=self.surface.bend.flex(theta),
-            camera=camera_tensors(crop.camera_of(shot.camera), "cpu"),
+            camera=crop.tensors_of(shot.camera),
             window_px=window_px,
             scale=float(mesh.scale),
             bounds=bounds,
@@ -137,7 +134,7 @@ class LitShots:
             at_surfels=LampSamples.of(light.lamps, bounds) if is_fine else samples.lamps,
             has_fine_shadows=is_fine,
             occluders=np.asarray(light.occluders, np.float32),
-            patches=_patches_of(light, mesh.vertices),
+            patches=self._patches.around(light, mesh.vertices),
             hairs=round(shot.hair * len(model.hairs.radius_m)) if shot.hair > 0 else 0,
             pressed=pressed,
         )
@@ -173,6 +170,7 @@ class LitShots:
             skinning=Skinning.of(self.hand),
             template=DetailTemplate.of(self.surface.surface, model),
             maps=self.surface.maps_of(side),
+            joint_blood=self.surface.joint_blood,
             albedo=torch.as_tensor(vertex_albedo(self.avatar, self.hand), dtype=torch.float32),
             sampler=config.sampler.at_surface,
             stands_out_m=STANDS_OUT_M,
@@ -191,23 +189,21 @@ class LitShots:
         return hairs_on(self.surface, self._model("right").template)
 
     @cached_property
+    def _images(self) -> KeptImages:
+        return KeptImages()
+
+    @cached_property
+    def _light(self) -> KeptSamples:
+        return KeptSamples()
+
+    @cached_property
+    def _patches(self) -> KeptPatches:
+        return KeptPatches()
+
+    @cached_property
     def _models(self) -> dict[Side, FrameModel]:
         return {}
 
     @cached_property
     def _renderers(self) -> dict[Side, LitFrameRenderer]:
         return {}
-
-
-def _patches_of(light: Light, vertices: Tensor) -> Patches | None:
-    """Find what near a hand reflects light; None: nothing does."""
-    patches = Patches.around(light, vertices)
-    return patches if len(patches.position) else None
-
-
-def _frame_of(pixels: ShotPixels, crop: Crop, shot: Shot) -> Frame:
-    """Paste a crop's pixels into a frame of the whole image."""
-    frame = replace(empty_frame(shot.camera.size_px), is_lit=shot.light is not None)
-    for values, image in zip(pixels, (frame.rgb, frame.alpha, frame.depth), strict=True):
-        crop.paste(values, image)
-    return frame

@@ -26,7 +26,8 @@ PLACE_LOG_ALBEDO, PIGMENTED_LOG_ALBEDO = (-0.03, -0.40, -0.43), (0.0, 0.02, -0.1
 """The same of blood in places, which is less yellow; and what pigment of 1 adds: it is brown, not magenta."""
 DRAINS, DRAIN_STEP = "drains", 0.01
 """The array of the blood that makes joints red at rest, and what a step of it is worth."""
-_TIGHT_FROM, _TIGHT_AT = 0.25, 1.05  # bend of the skin (`SkinFlexion.flex`) over a joint
+TIGHT_FROM, TIGHT_AT = 0.25, 1.05
+"""Bends of the skin (`SkinFlexion.flex`) over a joint, at which blood begins to leave and has left."""
 _MOST_LEAVES = 0.6  # of the blood
 _HALF_M = 0.0004  # flattened by which half of that has left
 _LEAST = 1e-3  # share of blood whose lack nobody sees
@@ -77,7 +78,7 @@ def place_log_albedo(melanin: float) -> np.ndarray:
 
 def tightness(flex: Tensor) -> Tensor:
     """Return the share of the joints' blood that a bend of the skin (`SkinFlexion.flex`) draws out; at rest none."""
-    share = ((flex - _TIGHT_FROM) / (_TIGHT_AT - _TIGHT_FROM)).clamp(0, 1)
+    share = ((flex - TIGHT_FROM) / (TIGHT_AT - TIGHT_FROM)).clamp(0, 1)
     return share * share * (3 - 2 * share)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from livehand.backend.field.rays import camera_tensors
 from livehand.backend.geometry.rasterise import NEAR_M
 from livehand.backend.image.crop import BUCKET_PX, MARGIN_PX, Crop, hand_crop
 from livehand.backend.records.camera import Camera
@@ -94,3 +95,17 @@ def test_its_camera_sees_the_windows_part_of_the_view():
         low.ray_directions(np.array([5.5, 7.5])),
         camera.ray_directions(np.array([2 * (5 - 3) + 1.0, 2 * (7 + 4) + 1.0])),
     )
+
+
+@pytest.mark.parametrize("scale", [1, 2])
+def test_tensors_of_its_camera_are_those_of_the_checked_one(scale):
+    angle = np.deg2rad(30)
+    cam2world = np.eye(4)
+    cam2world[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    cam2world[:3, 3] = 0.1, -0.2, 0.3
+    camera = Camera(np.array([[300.0, 2, 101], [0, 280, 77], [0, 0, 1]]), cam2world, (200, 160))
+    crop = Crop(7, -3, 48, 32, scale)
+    ours, checked = crop.tensors_of(camera), camera_tensors(crop.camera_of(camera), "cpu")
+    np.testing.assert_allclose(ours.K, checked.K, rtol=1e-6)
+    assert ours.world2cam.equal(checked.world2cam)
+    assert ours[2:] == checked[2:]

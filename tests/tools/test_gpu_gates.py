@@ -1,28 +1,16 @@
-"""The gates of a GPU: what counts as held, and what is said where there is none."""
+"""The gates of a GPU: what counts as held, what outlives what, and what is said where there is none."""
 
+import json
+import subprocess
 import sys
 
 import pytest
 import torch
-from livehand.backend.avatars.file import load_avatar
-from livehand.backend.compute.reference import ReferenceBackend
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.render.renderer import Renderer
 from livehand.tools import gpu_gates
-from livehand.tools.gpu_gates import GpuGate, median_ms, moving_shots
+from livehand.tools.gpu_gate_jobs import GpuGate, Machine
 
-
-def test_frames_that_warm_up_are_not_timed(monkeypatch):
-    now, rendered = [0.0], []
-
-    def render(shot):
-        rendered.append(shot)
-        now[0] += 5.0 if len(rendered) <= 4 else 0.001 * len(rendered)
-
-    monkeypatch.setattr(gpu_gates.time, "perf_counter", lambda: now[0])
-    assert median_ms(render, list(range(5))) == pytest.approx(7.0)  # of the 5th to the 9th
-    assert rendered == [0, 1, 2, 3, 0, 1, 2, 3, 4]
+REHEARSED = Machine.rehearsed()
 
 
 def test_a_line_says_what_was_asked_and_whether_it_holds():
@@ -30,35 +18,72 @@ def test_a_line_says_what_was_asked_and_whether_it_holds():
     assert str(GpuGate("a frame", "at most 1.5 ms", "1.40 ms", True)).startswith("holds  a frame")
 
 
-def test_shots_have_three_lamps_and_a_sky_and_move():
-    first, second = moving_shots((64, 96), 2)
-    assert len(first.light.lamps) == 3
-    assert first.light.sky is not None
-    assert abs(first.vertices - second.vertices).max() > 1e-3
-
-
-@pytest.mark.slow
-def test_a_rehearsal_runs_all_of_it_on_the_cpu(capsys, monkeypatch):
-    """So that no silly fault is found on the day when there is a GPU."""
-    pytest.importorskip("warp")
-    monkeypatch.setattr(gpu_gates, "gate_of_tests", lambda tests: GpuGate("tests", "pass", str(tests), True))
-    assert gpu_gates.main(["--rehearse", "--frames", "1"]) == 0
-    first, tests, frame, paper = capsys.readouterr().out.splitlines()
-    assert "rehearsal" in first
-    assert "test_backend.py" in tests
-    assert frame.startswith("holds  frame of 64x96, Shot to Frame: ")
-    assert "the paper as published" in paper
-
-
-def test_a_frame_that_stages_would_render_is_not_timed(monkeypatch):
-    renderer = Renderer(load_avatar(), load_default_hand(), "cpu", "fp32", ReferenceBackend())
-    with pytest.raises(LiveHandError, match="rendered at once"):
-        gpu_gates.at_once(renderer, moving_shots((64, 96), 1)[0])
-
-
 def test_tests_that_fail_or_take_too_long_hold_no_gate(monkeypatch, tmp_path):
     (tmp_path / "test_one.py").write_text("def test_one():\n    assert False\n")
-    assert not gpu_gates.gate_of_tests((str(tmp_path / "test_one.py"),)).holds
+    assert not gpu_gates.gate_of_tests(REHEARSED._replace(is_rehearsal=False), [str(tmp_path / "test_one.py")]).holds
+
+
+@pytest.fixture
+def children(monkeypatch):
+    """Processes of jobs, replaced by what each writes and how it ends."""
+    said = {
+        "first": ([GpuGate("a first frame", "at most 2 s", "1 s", True)], 0),
+        "batch": ([GpuGate("a batch", "at least 60", "40", False)], 0),
+        "training": ([], -11),
+        "4k": ([GpuGate("a frame", "at most 12 ms", "9 ms", True)], None),
+    }
+
+    def run(command, **named):
+        gates, code = said[command[command.index("--job") + 1]]
+        text = "".join(json.dumps(gate._asdict()) + "\nnoise\n" for gate in gates)
+        if code is None:
+            raise subprocess.TimeoutExpired(command, named["timeout"], output=text.encode())
+        return subprocess.CompletedProcess(command, code, stdout=text)
+
+    monkeypatch.setattr(gpu_gates.subprocess, "run", run)
+
+
+@pytest.mark.usefixtures("children")
+def test_a_job_that_crashes_or_hangs_fails_alone_and_what_was_measured_is_kept(tmp_path, capsys):
+    path = tmp_path / "new" / "gates.json"
+    given = ["--rehearse", "--json", str(path), "--only", "training", "4k", "first"]
+    assert gpu_gates.main(given) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1:] == [
+        "FAILS  training: ended with exit code -11 (ends)",
+        "holds  a frame: 9 ms (at most 12 ms)",
+        "FAILS  4k: not done after 60 s (ends)",
+        "holds  a first frame: 1 s (at most 2 s)",
+    ]
+    kept = json.loads(path.read_text())
+    assert [gate["holds"] for gate in kept["gates"]] == [False, True, False, True]
+    assert "rehearsal" in kept["machine"]
+
+
+@pytest.mark.usefixtures("children")
+def test_a_gate_that_does_not_hold_fails_except_in_a_rehearsal(tmp_path, monkeypatch):
+    given = ["--json", str(tmp_path / "gates.json"), "--only", "batch"]
+    assert gpu_gates.main([*given, "--rehearse"]) == 0
+    monkeypatch.setattr(Machine, "found", lambda: REHEARSED)
+    assert gpu_gates.main(given) == 1
+
+
+@pytest.mark.usefixtures("children")
+def test_what_there_is_no_time_for_is_said(tmp_path, capsys):
+    assert (
+        gpu_gates.main(["--json", str(tmp_path / "gates.json"), "--only", "first", "--minutes", "0", "--rehearse"]) == 1
+    )
+    assert "FAILS  first: not begun, as 0 minutes are over (ends)" in capsys.readouterr().out
+
+
+def test_most_waits_end_within_what_a_machine_is_lent_for():
+    assert all(30 <= seconds <= 200 for _, seconds in gpu_gates.JOBS.values())  # `--minutes` ends all of them
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(LiveHandError, match="must be writable"):
+        gpu_gates._keep(tmp_path / "file" / "gates.json", REHEARSED, [], 1.0)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")

@@ -106,7 +106,8 @@ def _add_skin(frame: FrameBuffers, most: int) -> None:
     seen = "seen_face", "seen_m", "coverage", "full_view"
     surface = "fine", "fine_normals", "fine_faces", "fine_uv", "fine_flex"
     tables = "maps", "maps_first", maps.resolution, "ratio", "ratio_first", resolution
-    of_pixels = "skin_constants", "pigment_colour", "pressed", "covered", "view_of_pixel"
+    of_blood = "drains", "drains_log_albedo", "pressed"
+    of_pixels = "skin_constants", "pigment_colour", *of_blood, "covered", "view_of_pixel"
     written = "coefficients", "bump_normal", "surface_normal", "blurred_normal", "alpha_squared", "nail", "alphas"
     frame.add(add_skin, most, "covered_count", *seen, *surface, *tables, *of_pixels, *written)
 

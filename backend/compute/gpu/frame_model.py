@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from ...image.superres import ResidualSuperRes
 from ...light.prefiltered_environment import PrefilteredEnvironment
+from ...surface.blood import JointBlood
 from ...surface.detail_mesh import faces_around
 from ...surface.hole_filling import DIRECTIONS, RINGS_PX
 from ..lit_frames import FrameModel
@@ -129,6 +130,7 @@ def tables_of(model: FrameModel, device: str) -> dict[str, Any]:
     vertices, coarse = len(skin.v_template), template.coarse_faces
     start, around = faces_around(topology.faces, vertices)
     flat = FlatField.of(model.field)
+    blood = JointBlood(torch.zeros(0), torch.zeros(3)) if model.joint_blood is None else model.joint_blood
     given: dict[str, tuple[Any, Any]] = {
         "template": (skin.v_template, wp.vec3),
         "shapedirs": (skin.shapedirs, wp.float32),
@@ -160,6 +162,8 @@ def tables_of(model: FrameModel, device: str) -> dict[str, Any]:
         "maps_first": (np.array([first for first, _ in maps.levels], np.int64), wp.int64),
         "pigment_colour": (np.array(maps.pigment_colour, np.float32), wp.float32),
         "sharpness": (np.array(maps.sharpness, np.float32), wp.float32),
+        "drains": (blood.drains, wp.float32),
+        "drains_log_albedo": (blood.log_albedo, wp.float32),
         "ratio": (np.zeros((0, 3), np.int8) if maps.ratio is None else maps.ratio.table, wp.int8),
         "ratio_first": (np.zeros(1, np.int64) if maps.ratio is None else np.array(maps.ratio.first_rows), wp.int64),
         "planes": (flat.table, wp.float32),

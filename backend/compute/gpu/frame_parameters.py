@@ -99,28 +99,32 @@ _CONSTANTS = {
 """Names and lengths of what kernels take as constants of a view."""
 
 
-def fill_parameters(host: HostBlock, model: FrameModel, shape: FrameShape, shot: LitShot) -> None:
-    """Fill the parameters of a frame."""
-    _fill_pose(host, model, shot)
+def fill_parameters(
+    host: HostBlock, model: FrameModel, shape: FrameShape, shot: LitShot, last: LitShot | None = None
+) -> None:
+    """Fill the parameters of a frame; what the last one had as the same tensors is left as it is."""
+    _fill_pose(host, model, shot, last)
     _fill_camera(host, shot.camera)
     host["window"][:] = shot.window_px
     for name, values in _constants(model, shot).items():
         host[name][:] = values
     if shot.pressed is not None:
         host["pressed"][:] = shot.pressed
-    _fill_light(host, shot)
+    _fill_light(host, shot, last)
     host["hair_count"][:] = shot.hairs
     host["hair_unit"][:] = (float(shot.light.unblocked(shot.bounds.centre)) or 1.0) if shot.hairs else 1.0
     fill_nearby(host, shot)
-    fill_views(host, model, shape, shot)
+    fill_views(host, model, shape, shot, last)
 
 
-def _fill_pose(host: HostBlock, model: FrameModel, shot: LitShot) -> None:
+def _fill_pose(host: HostBlock, model: FrameModel, shot: LitShot, last: LitShot | None) -> None:
     skin, pose = model.template.skin, shot.pose
     named = {"theta": pose.theta, "forearm": pose.forearm[None], "transl": pose.transl[None], "beta": pose.beta}
     named |= {"vertices": shot.vertices, "joint_pose": shot.joint_pose, "height_m": shot.height_m, "flex": shot.flex}
     for name, values in named.items():
         host[name][:] = values
+    if last is not None and np.array_equal(pose.beta, last.pose.beta):
+        return
     shaped = skin.v_template.numpy() + skin.shapedirs.numpy() @ pose.beta
     host["rest_joints"][:] = skin.J_regressor.numpy() @ shaped
 
@@ -158,18 +162,15 @@ def _constants(model: FrameModel, shot: LitShot) -> dict[str, Any]:
     }
 
 
-def _fill_light(host: HostBlock, shot: LitShot) -> None:
+def _fill_light(host: HostBlock, shot: LitShot, last: LitShot | None) -> None:
     sky, lamps = shot.light
-    named: dict[str, Tensor] = {
-        "towards": sky.towards,
-        "flux": sky.flux,
-        "brightness": sky.brightness,
-        "sky_share": sky.share,
-        "radiance": sky.mirrored.radiance,
-        "lamp_rgb": lamps.rgb,
-        "lamp_radius_rad": lamps.radius_rad,
-        **dict(zip(LAMP_COLUMNS, lamps[:-2], strict=True)),
-        **dict(zip(SURFEL_LAMP_COLUMNS, shot.at_surfels[:-2], strict=True)),
-    }
+    named: dict[str, Tensor] = {"lamp_rgb": lamps.rgb, "lamp_radius_rad": lamps.radius_rad}
+    if last is None or sky is not last.light.sky:
+        of_sky = {"towards": sky.towards, "flux": sky.flux, "sky_share": sky.share}
+        named |= {**of_sky, "brightness": sky.brightness, "radiance": sky.mirrored.radiance}
+    if last is None or lamps.position is not last.light.lamps.position:
+        named |= dict(zip(LAMP_COLUMNS, lamps[:-2], strict=True))
+    if last is None or shot.at_surfels.position is not last.at_surfels.position:
+        named |= dict(zip(SURFEL_LAMP_COLUMNS, shot.at_surfels[:-2], strict=True))
     for name, values in named.items():
         host[name][:] = values.numpy()

@@ -14,7 +14,6 @@ from ...light.shadow_maps import (
     SOFT_MAP_PX,
     SURFEL_MAP_PX,
     Bounds,
-    ShadowViews,
     scene_lengths,
 )
 from ...light.sky_samples import SKY_DIRECTIONS
@@ -42,17 +41,29 @@ def casters_of(model: FrameModel) -> tuple[CasterRange, CasterRange, CasterRange
     return CasterRange(0, vertices, 0, faces), coarse, finest
 
 
-def fill_views(host: HostBlock, model: FrameModel, shape: FrameShape, shot: LitShot) -> None:
-    """Fill the views of a frame, about the hand and about nearby patches and the hand."""
+def fill_views(host: HostBlock, model: FrameModel, shape: FrameShape, shot: LitShot, last: LitShot | None) -> None:
+    """Fill the views of a frame, about the hand and about nearby patches and the hand; `last` as `fill_parameters`."""
     sky, lamps = shot.light
     bounds = shot.bounds if shot.patches is None else shot.patches.points.bounds_with(torch.as_tensor(shot.vertices))
-    groups: tuple[ShadowViews, ...] = (sky.views(), lamps.views(shot.bounds), shot.at_surfels.views(shot.bounds))
+    of_sky, at_rays, at_surfels, of_sky_there, at_patches = shape.view_groups
+    of_rays = lamps.views(shot.bounds)
+    groups = [(at_rays, of_rays)]
+    groups.append((at_surfels, of_rays if shot.at_surfels is lamps else shot.at_surfels.views(shot.bounds)))
+    if last is None or sky is not last.light.sky:
+        groups += [(of_sky, sky.views())]
+        groups += [(of_sky_there, groups[-1][1])] if shot.patches is not None else []
     if shot.patches is not None:
-        groups = *groups, sky.views(), shot.at_surfels.views(bounds)
-    for name, values in zip(("frames", "distance"), zip(*groups, strict=True), strict=True):
-        host[name][:] = np.concatenate([one.numpy() for one in values])
+        groups.append((at_patches, shot.at_surfels.views(bounds)))
+    for rows, views in groups:
+        host["frames"][rows], host["distance"][rows] = views.frames.numpy(), views.distance.numpy()
     _fill_spheres(host, shot, bounds)
-    _fill_table(host["table"], model, shape, shot)
+    if last is None or _table_of(shot) != _table_of(last):
+        _fill_table(host["table"], model, shape, shot)
+
+
+def _table_of(shot: LitShot) -> tuple[bytes, int]:
+    """Return what a table depends on in frames of one shape."""
+    return shot.light.lamps.is_hard.numpy().tobytes(), 0 if shot.patches is None else len(shot.patches.points.position)
 
 
 def _fill_spheres(host: HostBlock, shot: LitShot, of_patches: Bounds) -> None:

@@ -29,7 +29,7 @@ class LitFrame:
     """Frames of one shape: buffers, and the sequence over them."""
 
     def __init__(self, model: DeviceModel, shape: FrameShape) -> None:
-        self.buffers = FrameBuffers(model, shape, CAPACITY)
+        self.buffers, self._last = FrameBuffers(model, shape, CAPACITY), None
         frame = self.buffers
         frame.add_begin()
         add_pose(frame)
@@ -47,7 +47,8 @@ class LitFrame:
     def render(self, shot: LitShot) -> ShotPixels | None:
         """Render a frame, as `LitFrameRenderer.render`; None: a list has overflowed."""
         frame = self.buffers
-        fill_parameters(frame.host, frame.model, frame.shape, shot)
+        fill_parameters(frame.host, frame.model, frame.shape, shot, self._last)
+        self._last = shot
         frame.sequence.run()
         wp.synchronize_device(frame.device)
         if frame.answer["overflow"][0]:

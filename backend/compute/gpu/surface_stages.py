@@ -145,11 +145,14 @@ def detailed_image(
     firsts = mesh.faces.new_tensor([first for first, _ in maps.levels])
     tables = maps.table, firsts, maps.resolution, *_ratio_of(maps)
     known = seen.face.long(), seen.depth, seen.coverage, view_of(camera)
-    nothing_pressed = image.normal.new_zeros(0, 2)
-    of_view = _constants(mesh, camera, maps), image.normal.new_tensor(maps.pigment_colour), nothing_pressed
+    nowhere, nothing_pressed = image.normal.new_zeros(0), image.normal.new_zeros(0, 2)
+    of_view = _constants(mesh, camera, maps), image.normal.new_tensor(maps.pigment_colour)
+    of_blood = nowhere, image.normal.new_zeros(3), nothing_pressed
     of_skin = skin.surface_normal, skin.blurred_normal, skin.alpha_squared, skin.nail
     written = copies["coefficients"], copies["normal"], *of_skin, copies["alpha"].view(-1)
-    launch(add_skin, len(image.pixel), *known, *surface, *tables, *of_view, image.pixel, image.view, *written)
+    launch(
+        add_skin, len(image.pixel), *known, *surface, *tables, *of_view, *of_blood, image.pixel, image.view, *written
+    )
     return image._replace(**copies, depth=seen.depth.reshape(image.depth.shape), skin=skin)
 
 

@@ -1,4 +1,7 @@
-"""Whole frames in Warp, on its CPU device and a GPU if there is one, against the reference's; and what they launch."""
+"""Frames stage by stage in Warp, on its CPU device and a GPU if there is one, against the reference's; their launches.
+
+By night: by day `test_stages` compares each stage, and `test_lit_frame` a frame whose light was measured.
+"""
 
 from dataclasses import replace
 
@@ -45,23 +48,27 @@ def assert_same_frame(renderers, shot):
     assert (np.abs(ours.depth - theirs.depth)[solid] > 5e-4).mean() < FLIPPED
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("number", range(4))
 def test_a_frame_is_the_references(renderers, number):
     """Right and left, kept and moving, past the border, lit by lamps and skies, beside a slab."""
     assert_same_frame(renderers, list(shots(load_default_hand()))[number])
 
 
+@pytest.mark.nightly
 def test_a_frame_in_the_captures_light_with_hair_and_a_faded_arm_is_the_references(renderers):
     shot = next(iter(shots(load_default_hand())))
     assert_same_frame(renderers, replace(shot, light=None, hair=1.0))
 
 
+@pytest.mark.nightly
 def test_light_that_changes_falls_on_the_kept_hand_as_the_references(renderers):
     shot = next(iter(shots(load_default_hand())))
     for light in (Light((SUN,)), Light(AREAS, SKY), Light((), SKY, SLAB, np.full((1, 3), 0.5))):
         assert_same_frame(renderers, replace(shot, light=light))
 
 
+@pytest.mark.nightly
 def test_launches_of_a_lit_frame(renderers, monkeypatch):
     launched, launch = [], wp.launch
 

@@ -9,15 +9,15 @@ from livehand.backend.compute.gpu import lit_frame
 from livehand.backend.compute.gpu.frame_shape import FrameShape
 
 from .conftest import POINT, SKY, SUN
-from .whole_frames import FLIPPED_OF_LEFT, assert_same_frame, fresh, kinds, rendered_at_once, sequence_of
+from .whole_frames import FLIPPED_OF_LEFT, assert_same_frame, kinds, new_buffers, rendered_at_once, sequence_of
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def shot(hand):
+def shot():
     """With all that a frame may have, and few samples of lamps."""
-    of_objects = kinds(hand)["in fine shadows of objects"]
+    of_objects = kinds()["in fine shadows of objects"]
     return replace(of_objects, light=replace(of_objects.light, lamps=(POINT, SUN), shadow_quality="coarse"))
 
 
@@ -96,7 +96,6 @@ def test_a_wrong_value_of_a_kernel_is_seen(ours, shot, expected, what, monkeypat
 
 
 def test_a_lost_lamp_is_seen(ours, shot, expected, monkeypatch):
-    rendered_at_once(ours, shot)
     fill = lit_frame.fill_parameters
 
     def without_a_lamp(host, *given):
@@ -140,22 +139,21 @@ def test_a_parameter_that_is_not_uploaded_anew_is_seen(ours, theirs, shot, expec
 
 def test_an_overflow_that_is_not_said_is_seen(ours, shot, expected, monkeypatch):
     monkeypatch.setattr(lit_frame, "CAPACITY", 1)
-    renderer = fresh(ours)
-    assert renderer.pipeline._shots.render(shot, shot.light) is None
-    buffers = sequence_of(renderer, "left")
-    monkeypatch.setattr(buffers.sequence, "_steps", [*buffers.sequence._steps, lambda: buffers["overflow"].zero_()])
-    buffers.sequence.then(buffers.answer.download)
-    assert not is_the_cpus(rendered_at_once(renderer, shot), expected)
+    with new_buffers(ours):
+        assert ours.pipeline._shots.render(shot, shot.light) is None
+        buffers = sequence_of(ours, "left")
+        monkeypatch.setattr(buffers.sequence, "_steps", [*buffers.sequence._steps, lambda: buffers["overflow"].zero_()])
+        buffers.sequence.then(buffers.answer.download)
+        assert not is_the_cpus(rendered_at_once(ours, shot), expected)
 
 
 def test_frames_of_another_shape_through_the_first_ones_buffers_are_seen(ours, shot, expected, monkeypatch):
-    renderer = fresh(ours)
-    assert is_the_cpus(rendered_at_once(renderer, shot), expected)
+    assert is_the_cpus(rendered_at_once(ours, shot), expected)
     first = FrameShape.of
     monkeypatch.setattr(FrameShape, "of", lambda shot: replace(first(shot), has_hairs=False))
-    assert not is_the_cpus(rendered_at_once(renderer, shot), expected)
+    assert not is_the_cpus(rendered_at_once(ours, shot), expected)
     monkeypatch.setattr(FrameShape, "of", first)
-    assert is_the_cpus(rendered_at_once(renderer, shot), expected)
+    assert is_the_cpus(rendered_at_once(ours, shot), expected)
 
 
 CONSTANT = {"light", "decoder_inputs"}
@@ -172,9 +170,9 @@ def poison(buffers):
 
 
 @pytest.mark.parametrize("kind", ["in fine shadows of objects", "without lamps"])
-def test_poisoned_buffers_change_no_frame(ours, hand, kind):
+def test_poisoned_buffers_change_no_frame(ours, kind):
     """What a launch reads, a launch of the same frame has filled."""
-    shot = kinds(hand)[kind]
+    shot = kinds()[kind]
     clean = rendered_at_once(ours, shot)
     buffers = sequence_of(ours, shot.pose.side)
     poison(buffers)

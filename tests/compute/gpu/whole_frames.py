@@ -1,11 +1,16 @@
 """Whole frames of 64 x 96 px of every kind that is rendered at once, and how they are compared with the CPU's."""
 
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import torch
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.light import Light, Sky
 from livehand.backend.render.lit_shots import reason_for_stages
+from livehand.backend.surface.base_surface import whole_surface
+from livehand.backend.surface.blood import DRAINS
 
 from .conftest import AREAS, POINT, SKY, SPOT, SUN, shots
 
@@ -13,9 +18,10 @@ VALUE, FLIPPED = 2e-3, 2e-2  # as `test_frames` has them
 FLIPPED_OF_LEFT = 2e-3
 
 
-def kinds(hand):
+@cache
+def kinds():
     """Shots by what they are of; a left hand's face the camera so that hardly a sample lies on an edge of two faces."""
-    right, moving, cut, left = shots(hand)
+    right, moving, cut, left = shots(load_default_hand())
     sculpted = right.vertices + 0.002 * np.sin(300 * right.vertices[:, ::-1])
     pressed = 0.0015 * (np.arange(len(right.vertices)) % 3 > 0)
     near = near_objects(left)
@@ -43,6 +49,14 @@ def kinds(hand):
         "pressed": replace(left, pressed_m=pressed, light=Light((POINT,), SKY)),
         "moving": replace(left, quality="preview", light=Light((SUN,), SKY)),
     }
+
+
+def with_blood_in_joints(avatar):
+    """The avatar with joints that pale as they bend, unevenly over the hand: as people drawn from numbers are."""
+    surface = avatar.surface
+    count = len(whole_surface(surface).arrays["offset"])
+    drains = (60 + 60 * np.sin(0.001 * np.arange(count))).astype(np.uint8)
+    return replace(avatar, surface=replace(surface, arrays={**surface.arrays, DRAINS: drains}))
 
 
 def near_objects(shot):
@@ -78,9 +92,17 @@ def assert_same_frame(one, other, flipped=FLIPPED):
     assert (np.abs(one.depth - other.depth)[solid] > 5e-4).mean() < flipped
 
 
-def fresh(renderer):
-    """The same renderer without its buffers."""
-    return replace(renderer)
+@contextmanager
+def new_buffers(renderer):
+    """The same renderer without its buffers, within, and after it."""
+    shots = renderer.pipeline._shots
+    try:
+        for side in ("right", "left"):
+            shots._renderer(side)._kept.clear()
+        yield renderer
+    finally:
+        for side in ("right", "left"):
+            shots._renderer(side)._kept.clear()
 
 
 def sequence_of(renderer, side="right"):

@@ -9,7 +9,7 @@ import warp as wp
 from ....image.shading import MIN_ALPHA
 from ....light.brdf import ROUGHNESS
 from ....surface.albedo_ratio import RATIO_STEP
-from ....surface.blood import BLOOD_LOG_ALBEDO
+from ....surface.blood import BLOOD_LOG_ALBEDO, TIGHT_AT, TIGHT_FROM
 from ....surface.detail_maps import BUMP, GLOSS_STEP, SHADE_STEP
 from ....surface.detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
 from ....surface.shading_detail import FOLD_LOG_ALBEDO, LEAST_COSINE, MOST_TAPS, ONE_TAP_MORE, SHARPER
@@ -27,6 +27,7 @@ TEXELS, TEXEL_M, BLURRED_LEVEL, SLOPE, FINER_BY = (wp.constant(value) for value 
 """Of the constants of a view: texels of the finest level in a pixel's width at 1 m; side of one of these, m; the level
 that red light shows; a stored step of a slope, m; levels from there to the ratio's own."""
 _PLACE = wp.constant(3)
+_TIGHT_FROM, _OF_TIGHT = wp.constant(TIGHT_FROM), wp.constant(1 / (TIGHT_AT - TIGHT_FROM))
 _Texel = wp.types.vector(length=12, dtype=wp.float32)
 
 
@@ -161,6 +162,14 @@ def _corner_uv(corner_uv: Floats3, face: int, corner: int) -> wp.vec2:
     return wp.vec2(corner_uv[face, corner, 0], corner_uv[face, corner, 1])
 
 
+@part
+@no_type_check
+def _drained(drains: Floats, flex: Floats, vertex: int) -> float:
+    """Compute the blood that a bend of the skin draws out of a vertex, as `surface.blood.tightness`."""
+    share = wp.clamp((flex[vertex] - _TIGHT_FROM) * _OF_TIGHT, 0.0, 1.0)
+    return drains[vertex] * share * share * (3.0 - 2.0 * share)
+
+
 @kernel
 @no_type_check
 def add_skin(
@@ -182,6 +191,8 @@ def add_skin(
     ratio_resolution: int,
     constants: Floats,
     pigment_colour: Floats,
+    drains: Floats,
+    drains_log_albedo: Floats,
     pressed: Pairs,
     pixel: Longs,
     view_direction: Vectors,
@@ -195,7 +206,8 @@ def add_skin(
 ):
     """Give pixels [P] the coverage, normals, colours and nails of the skin, in place; a ratio of no rows is none.
 
-    `pressed` are the shares of blood that has left skin and nails at vertices, or none.
+    `drains` are the blood that bending draws out of vertices, and `drains_log_albedo` what 1 of it does to albedo;
+    `pressed` are the shares of blood that has left skin and nails at vertices. Of both there may be none.
     """
     index = wp.tid()
     if index >= count[0]:
@@ -297,8 +309,13 @@ def add_skin(
         both = wa * pressed[corner_a] + wb * pressed[corner_b] + wc * pressed[corner_c]
         bloodless = wp.max(both[0], 0.0)
         bloodless += nail * (wp.max(bloodless, both[1]) - bloodless)
+    of_joints = wp.float32(0.0)
+    if drains.shape[0] > 0:
+        of_corners = wb * _drained(drains, flex, corner_b) + wc * _drained(drains, flex, corner_c)
+        of_joints = (1.0 - nail) * wp.max(wa * _drained(drains, flex, corner_a) + of_corners, 0.0)
     for k in range(3):
         pigment = values[6] * _SHADE * pigment_colour[k]
-        factor = wp.exp(pigment + log_ratio[k] + folded * fold_colour[k] - bloodless * blood_colour[k])
+        left = bloodless * blood_colour[k] + of_joints * drains_log_albedo[k]
+        factor = wp.exp(pigment + log_ratio[k] + folded * fold_colour[k] - left)
         for group in range(3):
             coefficients[index, 3 + 3 * group + k] = coefficients[index, 3 + 3 * group + k] * factor
