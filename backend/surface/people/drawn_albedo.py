@@ -90,18 +90,18 @@ def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     on_palm = (1 - chart.on_digit) * chart.palm * (1 - chart.arm)
     palm = on_palm * (0.45 * own[2] * thenar + 0.70 * own[3] * ulnar + 0.45 * own[4] * pads - 0.30 * own[5] * hollow)
     back = _joint_redness(chart, look) + 0.80 * own[7] * tips + 0.22 * own[4] * between
-    fingers = (0.16 + 0.36 * look.tone) * own[8] * chart.on_digit * _dorsal(chart) * smoothstep(joint[:, 0], 2.0, 40.0)
+    fingers = (0.16 + 0.14 * look.tone) * own[8] * chart.on_digit * _dorsal(chart) * smoothstep(joint[:, 0], 2.0, 40.0)
     arm = (0.12 + 0.16 * look.tone) * smoothstep(d, 25.0, -25.0) * (1 - chart.palm)
     web = 0.8 * chart.on_digit * (1 - chart.on_digit) * (1 - _dorsal(chart))
     points, tone = chart.points_mm, look.tone * (1 - chart.palm)
     patches = (
-        0.26 * (1 + 2.3 * tone) * noise.smooth(points, 42.0, 1)
+        0.26 * (1 + 1.2 * tone) * noise.smooth(points, 42.0, 1)
         + 0.15 * (1 + 0.7 * tone) * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
         + 0.07 * (1 + 0.3 * tone) * noise.smooth(points[:, [2, 0, 1]], 5.0, 2)
         + 0.04 * chart.palm * noise.smooth(points[:, [0, 2, 1]], 2.2, 2)
     )
     calm = 1 - 0.65 * smoothstep(d, 42.0, -10.0)
-    patches = patches * (1 + (0.1 + 0.5 * look.tone) * chart.palm) * calm - 0.17 - 0.28 * tone
+    patches = patches * (1 + (0.1 + 0.5 * look.tone) * chart.palm) * calm - 0.17 - 0.16 * tone
     total = (back + fingers + palm + web - arm) * _shown(chart, look) + patches
     return _LEAST_BLOOD + _SOFT * np.logaddexp(0, (total - _LEAST_BLOOD) / _SOFT) - _SOFT_MEAN
 
