@@ -14,15 +14,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..hand.gestures import Degrees
 from .base_surface import SURFACE_FILE, base_arrays, has_base
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
 
 _CLENCHED_DEG = 80  # mean bend of the knuckles at which veins stand out most
 _KNUCKLES = [1, 4, 7, 10]
@@ -90,7 +86,9 @@ class PoseDisplacement:
         """
         clenched, *shares = self.shares(theta, forearm)
         height = veins_mm * (_FLAT_VEINS + _CLENCHED_VEINS * clenched) * self.vein + self.padding_mm
-        return height + (self._heights_of_forms @ np.array(shares)).astype(height.dtype)
+        form, vertex, form_mm = self._vertices_of_forms
+        of_forms = np.bincount(vertex, np.array(shares)[form] * form_mm, len(height))
+        return height + of_forms.astype(height.dtype)
 
     def shares(self, theta: np.ndarray, forearm: np.ndarray | None = None) -> np.ndarray:
         """Compute how much of each part a pose raises, [1 + forms] in [0, 1]: veins, then forms; as `height_mm`."""
@@ -105,11 +103,11 @@ class PoseDisplacement:
         return np.stack([_CLENCHED_VEINS * veins_mm * self.vein, *(form.height_mm for form in self.forms)])
 
     @cached_property
-    def _heights_of_forms(self) -> csr_matrix:
-        """[N, forms] how far each form raises each vertex, mm. Forms raise few of all vertices."""
-        from scipy.sparse import csr_matrix
-
-        return csr_matrix(np.stack([form.height_mm for form in self.forms], 1).astype(np.float64))
+    def _vertices_of_forms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """[K] each: a form, a vertex that it raises, and how much, mm. Forms raise few of all vertices."""
+        heights_mm = np.stack([form.height_mm for form in self.forms])
+        form, vertex = heights_mm.nonzero()
+        return form, vertex, heights_mm[form, vertex]
 
 
 LEVELS = 2

@@ -21,18 +21,24 @@ from .drivers import BoneTurn, drive_by_sliders
 from .hand import RiggedHand
 from .sliders import FINGER_SLIDERS, write_slider
 
-_FIST = POSES["Fist"].gesture
-# Joint angles at a control's value 1, degrees. Fingers flex as far as in a fist; spreading fans them out from the
-# middle finger, which itself moves towards the thumb.
+# Flexion of a curled finger's joints, degrees. It stays when the library's fist changes: saved files' drivers hold it.
+_CURLED: dict[str, tuple[float, float, float]] = {
+    "index": (74, 89, 64),
+    "middle": (77, 92, 61),
+    "ring": (68, 89, 66),
+    "pinky": (69, 87, 59),
+}
+# Joint angles at a control's value 1, degrees. Spreading fans fingers out from the middle finger, which itself moves
+# towards the thumb.
 CONTROLS: dict[str, Gesture] = {
-    **{f"{finger}.curl": Gesture({finger: flexion}) for finger, flexion in _FIST.flexion.items()},
+    **{f"{finger}.curl": Gesture({finger: flexion}) for finger, flexion in _CURLED.items()},
     "thumb.curl": Gesture(thumb=((10, 0, 0), (45, 0, 0), (65, 0, 0))),
     "index.spread": Gesture(abduction={"index": 15}),
     "middle.spread": Gesture(abduction={"middle": 10}),
     "ring.spread": Gesture(abduction={"ring": -12}),
     "pinky.spread": Gesture(abduction={"pinky": -20}),
     "thumb.spread": Gesture(thumb=((-25, 0, 0), (0, 0, 0), (0, 0, 0))),
-    "fist": _FIST,
+    "fist": POSES["Fist"].gesture,
     "opposition": Gesture(thumb=((30, -12, 24), (5, 0, 0), (5, 0, 0))),
 }
 CONTROL_CONSTRAINT = "Finger Controls"
