@@ -161,7 +161,7 @@ class Viewport:
         request = ViewportRequest(self._hands, view.camera, rec709_to_working_space(), solids)
         if self._submitted and is_equal((request, scale, is_playing), self._submitted):
             return
-        if waits_for := _loading(self._hands, self._submitted):
+        if waits_for := _loading(self._hands, self._submitted and self._submitted[0].hands):
             self._message = waits_for
         self._submitted = request, scale, is_playing
         moving_px = self._pace.side_px
@@ -186,8 +186,10 @@ class Viewport:
             self._has_error = outcome.error is not None
             if outcome.error:
                 self._message = _message_of(outcome.error)
-            elif not isinstance(step, ViewportStep) or self._submitted is None or step.request is self._submitted[0]:
-                self._message = ""  # else it tells what a later request waits for
+            elif isinstance(step, ViewportStep) and self._submitted:  # which may have an avatar more
+                self._message = _loading(self._submitted[0].hands, step.request.hands)
+            else:
+                self._message = ""
             self._texture = ImageTexture(outcome.value) if outcome.value else None
             self._is_empty = not outcome.error and not outcome.value
 
@@ -197,13 +199,12 @@ def _drawn_hands(depsgraph: bpy.types.Depsgraph) -> tuple[VisibleHand, ...]:
     return tuple(hand for hand in visible_hands(depsgraph) if not hand.is_holdout)
 
 
-def _loading(hands: Sequence[ViewportHand], submitted: tuple[ViewportRequest, float, bool] | None) -> str:
-    """Tell what views wait for: any avatar at first, later the people of numbers alone; empty: nothing long."""
-    shown = () if submitted is None else submitted[0].hands
-    known = {hand.source.avatar_path for hand in shown}
+def _loading(hands: Sequence[ViewportHand], shown: Sequence[ViewportHand] | None) -> str:
+    """Tell what views wait for: any avatar at first (None), later the people of numbers alone; empty: nothing long."""
+    known = {hand.source.avatar_path for hand in shown or ()}
     if drawing := drawing_note(hand.source.avatar_path for hand in hands if hand.source.avatar_path not in known):
         return drawing
-    return "loading the avatar" if hands and submitted is None else ""
+    return "loading the avatar" if hands and shown is None else ""
 
 
 def _pixel_size(context: bpy.types.Context) -> int:

@@ -134,6 +134,22 @@ def test_a_view_says_when_it_waits_for_a_person_of_numbers(drawn, context, share
     assert len(messages) == 2
 
 
+def test_a_view_that_moves_on_while_it_loads_shows_the_image_of_before(drawn, context, shared, messages):
+    viewport, engine = Viewport(shared), Engine()
+
+    def draw():
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        viewport.update(context, depsgraph)
+        viewport.draw(engine, context, depsgraph)
+
+    drawn(draw)
+    wait(shared, viewport)
+    find_hands(bpy.context.scene)[0].location.x += 0.001
+    drawn(draw)
+    assert messages == ["LiveHand: loading the avatar"]
+    assert viewport.has_image
+
+
 def test_a_view_without_light_says_what_to_press(drawn, context, shared, messages):
     viewport, lamp = Viewport(shared), bpy.data.objects["Sun"]
     lamp.hide_render = True
