@@ -98,7 +98,7 @@ def _is_equal(path: Path, other: Path) -> bool:
 def main() -> None:
     kills = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     shot = Path(__file__).with_name("wave.blend")
-    command = [sys.executable, "-P", "-m", "livehand.livehand_blender.cli", "render", str(shot)]
+    command = [sys.executable, "-P", "-m", "livehand.livehand_blender", "render", str(shot)]
     with tempfile.TemporaryDirectory() as folder:
         report = survive_kills(
             [*command, "--frames", FRAMES, "--size", SIZE], Path(folder), kills, (0.0, 0.5), random.Random(1)

@@ -13,7 +13,7 @@ import importlib.util
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NoReturn
+from typing import Any
 
 from ..backend.capture.masks.mask_command import COMMAND as MASK
 from ..backend.commands import export, export_splats
@@ -42,7 +42,6 @@ from ..backend.records.errors import LiveHandError
 from ..backend.render.thumbnail_command import COMMAND as THUMBNAIL
 from ..backend.rigs.rig_suffixes import RIG_SUFFIXES
 from ..backend.system.command import Command, blender_silenced, run_commands
-from ..backend.system.process_end import run_process
 from ..backend.tracking.fetch_command import COMMAND as FETCH_TRACKER
 from ..backend.training.command import COMMAND as TRAIN
 from ..backend.training.identity_command import COMMAND as IDENTITY
@@ -54,11 +53,6 @@ from .rigs import export_sources, rig_motion
 ABOUT = "Photoreal frames of hands posed in Blender."
 
 Run = Callable[[argparse.Namespace], Mapping[str, Any]]
-
-
-def program() -> NoReturn:
-    """Run the command of the program's arguments, and end the process."""
-    run_process(main)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -225,7 +219,3 @@ COMMANDS: dict[str, Command] = {
         *(replace(command, run=_silent_in_blender(command.run)) for command in _optional("tools.commands")),
     )
 }
-
-
-if __name__ == "__main__":
-    program()

@@ -20,6 +20,7 @@ from queue import SimpleQueue
 from ..records.errors import LiveHandError
 from ..system.command import FAILED, INTERRUPTED, OK
 from ..system.processes import ask_this_process_to_stop
+from ..system.thread_limits import blas_settings
 from .progress import Failed, FrameProgress, ShotOpened, from_record
 from .report import RunReport
 
@@ -72,13 +73,13 @@ def _this_program(argv: Sequence[str]) -> list[str]:
     executable = (bpy and bpy.app.binary_path) or sys.executable
     if argv and sys.orig_argv[-len(argv) :] == list(argv):
         return [executable, *sys.orig_argv[1 : -len(argv)]]
-    return [sys.executable, "-P", "-m", f"{str(__package__).removesuffix('.backend.batch')}.livehand_blender.cli"]
+    return [sys.executable, "-P", "-m", f"{str(__package__).removesuffix('.backend.batch')}.livehand_blender"]
 
 
 def _environment(jobs: int) -> dict[str, str]:
     """Make the environment of a worker: workers share the cores, unless the user has set the numbers of threads."""
     threads = str(max(1, (os.cpu_count() or 1) // jobs))
-    return dict.fromkeys(_THREAD_COUNTS, threads) | os.environ
+    return dict.fromkeys(_THREAD_COUNTS, threads) | os.environ | blas_settings()
 
 
 def _merge(workers: Sequence[subprocess.Popen[str]], report: RunReport) -> None:

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, cast
 
 from ..records.errors import LiveHandError
 from .processes import end_by_input
+from .thread_limits import blas_settings
 
 # The package has the same name there, also as Blender's extension, because compiled kernels are kept by their names.
 _START = """
@@ -72,7 +73,8 @@ class ChildJob:
         path = list(filter(None, sys.path))  # an empty one is the current folder
         where = json.dumps([path, _PACKAGE, str(_ROOT), module])
         command = [sys.executable, "-I", "-c", _START, where, json.dumps(request)]
-        return cls(name, subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE))
+        environment = os.environ | blas_settings()
+        return cls(name, subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment))
 
     @property
     def progress(self) -> JobProgress:

@@ -47,7 +47,7 @@ class FakeRenderer:
 def main():
     import livehand
     from livehand.backend.render.session import Session
-    from livehand.livehand_blender.cli import program
+    from livehand.livehand_blender.__main__ import program
     from livehand.livehand_blender.render.engine import LiveHandRender
 
     livehand.register()

@@ -174,7 +174,7 @@ def avatar_path(tmp_path_factory):
 
 def test_the_program_renders_with_an_avatar_file(shot_path, avatar_path, tmp_path):
     arguments = ("render", shot_path, "-o", tmp_path / "out", "--avatar", avatar_path, "--format", "png", "--json")
-    done = run_program(*arguments, program=("-m", "livehand.livehand_blender.cli"))
+    done = run_program(*arguments, program=("-m", "livehand.livehand_blender"))
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert json.loads(done.stdout.splitlines()[-1])["written"] == 2
@@ -248,7 +248,12 @@ def test_blender_and_the_process_end_cleanly(shot_path, tmp_path):
     bpy.context.scene.camera = None
     bpy.ops.wm.save_mainfile()
     done = run_program(
-        "render", shot_path, "-o", tmp_path / "out", program=("-m", "livehand.livehand_blender.cli"), PYTHONHASHSEED="0"
+        "render",
+        shot_path,
+        "-o",
+        tmp_path / "out",
+        program=("-m", "livehand.livehand_blender"),
+        PYTHONHASHSEED="0",
     )
     assert done.returncode == 1
     assert "camera" in done.stderr

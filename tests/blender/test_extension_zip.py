@@ -26,6 +26,7 @@ LEFT_OUT = {
     "backend/teacher",
     "backend/training",
     "livehand_blender/cli.py",
+    "livehand_blender/__main__.py",
     "livehand_blender/research",
 }
 WANTED_KINDS = {"", ".py", ".toml", ".md", ".npz", ".safetensors", ".blend", ".txt"}

@@ -12,7 +12,7 @@ STALE_S = 3.0
 
 
 def main():
-    from livehand.livehand_blender.cli import program
+    from livehand.livehand_blender.__main__ import program
 
     for change in (*_training(), *_comparison(), *_capture(), *_person(), *_leases()):
         change.start()

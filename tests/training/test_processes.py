@@ -28,7 +28,7 @@ def test_two_processes_of_torchrun_give_the_result_of_one(painted_capture, tmp_p
         return ["train", str(painted_capture.folder), "-o", str(tmp_path / f"{name}.safetensors"), *options]
 
     launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    command = [*launch, "-m", "livehand.livehand_blender.cli", *arguments("two")]
+    command = [*launch, "-m", "livehand.livehand_blender", *arguments("two")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr
     assert run_commands("livehand", "", COMMANDS, arguments("one")) == 0

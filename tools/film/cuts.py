@@ -162,7 +162,7 @@ def _letterboxed(film_set: FilmSet, picture: Image.Image) -> np.ndarray:
 
 
 def _livehand(*words: object) -> None:
-    _run(sys.executable, "-m", "livehand.livehand_blender.cli", *words)
+    _run(sys.executable, "-m", "livehand.livehand_blender", *words)
 
 
 def _run(*words: object) -> None:

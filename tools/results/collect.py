@@ -140,7 +140,7 @@ def run(arguments: list[str]) -> dict[str, Any]:
     Raises:
         CalledProcessError: the command failed; its message has been shown.
     """
-    command = [sys.executable, "-m", "livehand.livehand_blender.cli", *arguments, "--json"]
+    command = [sys.executable, "-m", "livehand.livehand_blender", *arguments, "--json"]
     last = "{}"
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         for text in process.stdout or ():
