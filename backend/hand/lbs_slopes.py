@@ -66,7 +66,7 @@ def vertex_slopes(
     forearm: Float[Tensor, 3],
 ) -> VertexSlopes:
     """Pose vertices as `pose_hand` does, and say how each moves by each parameter."""
-    posed = _Posed.of(part, theta, beta, forearm)
+    posed = _PosedPart.of(part, theta, beta, forearm)
     slopes = posed.rest.new_zeros((*posed.rest.shape, UNKNOWNS))
     by_joint = slopes[..., THETA].unflatten(-1, (16, 3))
     _add_turns(by_joint, part, theta, posed)
@@ -85,7 +85,7 @@ def posed_part(
     forearm: Float[Tensor, 3],
 ) -> Float[Tensor, "N 3"]:
     """Pose vertices as `pose_hand` does."""
-    return _Posed.of(part, theta, beta, forearm).vertices + transl
+    return _PosedPart.of(part, theta, beta, forearm).vertices + transl
 
 
 def turn_slopes(axis_angle: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:
@@ -100,7 +100,7 @@ def turn_slopes(axis_angle: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:
     return torch.eye(3, dtype=cross.dtype) + first * cross + second * (cross @ cross)
 
 
-class _Posed(NamedTuple):
+class _PosedPart(NamedTuple):
     """A posed hand in parts; its root is where the rest pose has it, before `transl`.
 
     Attributes:
@@ -123,7 +123,7 @@ class _Posed(NamedTuple):
     vertices: Tensor
 
     @classmethod
-    def of(cls, part: VertexSubset, theta: Tensor, beta: Tensor, forearm: Tensor) -> _Posed:
+    def of(cls, part: VertexSubset, theta: Tensor, beta: Tensor, forearm: Tensor) -> _PosedPart:
         rotations = axis_angle_to_matrix(theta)
         rest_joints = part.joints + part.joint_slopes @ beta
         transforms = joint_transforms(rotations, rest_joints, part.parents)[:, :3]
@@ -137,7 +137,7 @@ class _Posed(NamedTuple):
         return cls(rotations, turned, shifts, rest_joints, joints, rest, blended, vertices)
 
 
-def _add_turns(slopes: Tensor, part: VertexSubset, theta: Tensor, posed: _Posed) -> None:
+def _add_turns(slopes: Tensor, part: VertexSubset, theta: Tensor, posed: _PosedPart) -> None:
     """Add what joints that turn move to slopes [N, 3, 16, 3]: the turns' axes times the arms from the joints."""
     by_joint = posed.rest @ posed.turned.transpose(1, 2) + posed.shifts[:, None]  # [16, N, 3]
     weights = part.lbs_weights.T
@@ -151,21 +151,21 @@ def _add_turns(slopes: Tensor, part: VertexSubset, theta: Tensor, posed: _Posed)
         slopes[:, x] += axes[:, y] * arms[:, :, z] - axes[:, z] * arms[:, :, y]
 
 
-def _of_correctives(part: VertexSubset, theta: Tensor, posed: _Posed) -> Tensor:
+def _of_correctives(part: VertexSubset, theta: Tensor, posed: _PosedPart) -> Tensor:
     """Return the slopes [N, 3, 45] of the correctives, which the fingers' joints change."""
     changes = cross_matrix(turn_slopes(theta[1:]).transpose(1, 2)) @ posed.rotations[1:, None]  # [15, 3, 3, 3]
     moved = part.posedirs @ torch.block_diag(*changes.flatten(2).transpose(1, 2))
     return posed.blended[..., :3] @ moved
 
 
-def _of_forearm(part: VertexSubset, forearm: Tensor, posed: _Posed) -> Tensor:
+def _of_forearm(part: VertexSubset, forearm: Tensor, posed: _PosedPart) -> Tensor:
     """Return the slopes [N, 3, 3] of an arm that turns about the wrist."""
     changes = cross_matrix(turn_slopes(forearm).T) @ axis_angle_to_matrix(forearm)
     arms = part.arm_weights[:, None] * (posed.rest - posed.rest_joints[0])
     return torch.einsum("idc,nc->ndi", posed.turned[0] @ changes, arms)
 
 
-def _of_shape(part: VertexSubset, posed: _Posed) -> Tensor:
+def _of_shape(part: VertexSubset, posed: _PosedPart) -> Tensor:
     """Return the slopes [N, 3, 10] of shape, linear for given rotations."""
     of_joints, moved = part.joint_slopes, list[Tensor]()
     for joint, parent in enumerate(part.parents):

@@ -20,7 +20,7 @@ from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..records.hand_picture import HAND, HandPicture, PicturedHand
 from ..records.side import Side
-from .flow import bilinear, nearest
+from .lit_model.flow import bilinear, nearest
 
 _LEAST_FACING, _BEHIND_M = 0.5, 0.004
 _DARKEST, _BRIGHTEST = 0.04, 0.97  # encoded

@@ -113,7 +113,7 @@ def making(args: argparse.Namespace, report: Report) -> dict[str, Any]:
 def _made(
     args: argparse.Namespace, model: HandModel, steps: KeptSteps, report: Report
 ) -> tuple[MadePerson, PicturedHand]:
-    from .hand_size import check_length, sized
+    from .fit.hand_size import check_length, sized
     from .making import MakingOptions, lines_of_making, person_of_pictures
     from .person_avatar import shipped_bases
     from .sources import PictureSource, pictured_hand

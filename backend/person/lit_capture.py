@@ -24,11 +24,11 @@ from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..surface.surface_file import surface_sha256, write_surface
 from ..system.files import replacing
 from .captured_pictures import pictures_of_capture
-from .illumination import Illumination, fitted_light, linear_colours, pixels_of_scenes
-from .lamp_search import with_lamp
-from .model import PersonModel
-from .numbers import PixelTones
-from .refit import refitted
+from .fit.refit import refitted
+from .lit_model.illumination import Illumination, fitted_light, linear_colours, pixels_of_scenes
+from .lit_model.lamp_search import with_lamp
+from .lit_model.model import PersonModel
+from .lit_model.numbers import PixelTones
 
 _MOST_PICTURES, _REFITS = 120, 2
 _LEAST_ALPHA = 1e-3

@@ -26,11 +26,13 @@ from ..surface.atlas_texels import AtlasTexels
 from ..surface.base_surface import whole_surface
 from ..surface.shading_detail import log_albedo
 from ..surface.skin_patches import RestPoints
-from .agreement import GatheredRatio
-from .completion import CompletedRatio, completed_ratio, with_unseen_detail
-from .gathering import gathered_ratio
-from .hand_size import with_mean_proportions
-from .illumination import (
+from .albedo.agreement import GatheredRatio
+from .albedo.completion import CompletedRatio, completed_ratio, with_unseen_detail
+from .albedo.gathering import gathered_ratio
+from .fit.hand_size import with_mean_proportions
+from .fit.refit import refitted
+from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
+from .lit_model.illumination import (
     PICTURES_OF_SCENE,
     Illumination,
     evenly_chosen,
@@ -38,11 +40,9 @@ from .illumination import (
     lamps_of,
     pixels_of_scenes,
 )
-from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
-from .lamp_search import with_lamp
-from .model import PersonModel
-from .numbers import FIRST_MELANIN, AtlasTone, PixelTones, ToneFamily, fitted_melanin, looked_up
-from .refit import refitted
+from .lit_model.lamp_search import with_lamp
+from .lit_model.model import PersonModel
+from .lit_model.numbers import FIRST_MELANIN, AtlasTone, PixelTones, ToneFamily, fitted_melanin, looked_up
 from .skin_fit import fitted_to_skin
 
 _REPORTED = 1e-3
@@ -58,11 +58,13 @@ class RoundOptions(NamedTuple):
         resolution: of the atlas.
         pictures: that are gathered, at most.
         with_flow: as in `gathered_ratio`: harmful before the texture is the person's.
+        levels: as in `gathered_ratio`.
     """
 
     resolution: int = 1024
     pictures: int = 36
     with_flow: bool = True
+    levels: bool = False
 
 
 COARSE_ROUND = RoundOptions(512, 16, with_flow=False)
@@ -84,7 +86,7 @@ class MakingOptions:
         length_m: of the hand, where it was measured (`hand_size.sized`).
     """
 
-    rounds: tuple[RoundOptions, ...] = (COARSE_ROUND, RoundOptions())
+    rounds: tuple[RoundOptions, ...] = (COARSE_ROUND, RoundOptions(levels=True))
     kept_low: float = 0.75
     light_pictures: int = PICTURES_OF_SCENE
     finds_lamps: bool = True
@@ -157,7 +159,7 @@ def made_person(
         lights = {scene: _light(tone, skin.melanin) for scene, tone in tones.items()}
         model = base.with_ratio(_steps(texels, skin.log_ratio))
         pictures = evenly_chosen(shown, of_round.pictures)
-        gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, of_round.with_flow)
+        gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, of_round.with_flow, of_round.levels)
         _check_seen(gathered)
         completed = completed_ratio(texels, gathered, family, base_log_albedo, skin.melanin, options.kept_low)
         log(_report(round_index, gathered, completed))

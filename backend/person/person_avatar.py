@@ -18,8 +18,8 @@ from ..surface.albedo_ratio import MARKS_ARRAYS, RATIO_ARRAY
 from ..surface.atlas_masks import confidence_map, marks_map
 from ..surface.base_surface import whole_surface
 from ..surface.detail_surface import OFFSET_STEP_M
+from .lit_model.model import PersonModel
 from .making import Bases, MadePerson
-from .model import PersonModel
 
 _MOST_BETA = 3.0
 _MOST_MELANIN, _MOST_BLOOD = 1.2, 2.0

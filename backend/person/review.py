@@ -13,10 +13,10 @@ from ..capture.masks.mask import load_opencv
 from ..capture.picture import linear_to_srgb, srgb_to_linear
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..system.parallel_map import parallel_map
-from .flow import flow_between
-from .illumination import Illumination, encoded_colours
+from .lit_model.flow import flow_between
+from .lit_model.illumination import Illumination, encoded_colours
+from .lit_model.model import PersonModel
 from .making import MadePerson, family_at_base
-from .model import PersonModel
 
 _CLIPPED = 0.98
 _ALIGNED_ERODED_PX = 9

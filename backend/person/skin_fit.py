@@ -16,9 +16,9 @@ from ..capture.masks.mask import load_opencv
 from ..records.hand_picture import HAND, HandPicture, PicturedHand
 from ..system.parallel_map import parallel_map
 from ..system.thread_limits import thread_limit
-from .flow import bilinear, flow_between, local_contrast, nearest
-from .illumination import Illumination, encoded_colours
-from .model import PersonModel
+from .lit_model.flow import bilinear, flow_between, local_contrast, nearest
+from .lit_model.illumination import Illumination, encoded_colours
+from .lit_model.model import PersonModel
 from .rig.landmark_pose import LandmarkTargets
 from .rig.outline_fit import RigFit, ViewOutlines
 from .rig.outlines import OutlineTree, outline_of_mask, sure_pixels

@@ -14,7 +14,7 @@ from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists, to_blender
-from livehand.backend.person.model import PersonModel
+from livehand.backend.person.lit_model.model import PersonModel
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.hand_picture import HAND, HandPicture, PicturedHand
 from livehand.backend.records.shot import HandPose

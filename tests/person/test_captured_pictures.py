@@ -22,8 +22,8 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.person.camera_gains import relative_gains
 from livehand.backend.person.captured_pictures import chosen_views, pictures_of_capture
-from livehand.backend.person.illumination import Illumination, fitted_light, lit_pixels
-from livehand.backend.person.refit import refitted
+from livehand.backend.person.fit.refit import refitted
+from livehand.backend.person.lit_model.illumination import Illumination, fitted_light, lit_pixels
 from livehand.backend.person.sources import PictureSource, pictured_hand
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError

@@ -15,7 +15,7 @@ from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.person.lit_capture import write_lit_capture
-from livehand.backend.person.model import PersonModel
+from livehand.backend.person.lit_model.model import PersonModel
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Light, Sky, sky_directions

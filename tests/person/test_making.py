@@ -11,6 +11,8 @@ from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.person import making, review
+from livehand.backend.person.fit.refit import refitted
+from livehand.backend.person.lit_model.numbers import AtlasTone
 from livehand.backend.person.making import (
     MakingOptions,
     RoundOptions,
@@ -18,9 +20,7 @@ from livehand.backend.person.making import (
     lines_of_making,
     made_person,
 )
-from livehand.backend.person.numbers import AtlasTone
 from livehand.backend.person.person_avatar import person_avatar, shipped_bases
-from livehand.backend.person.refit import refitted
 from livehand.backend.person.review import held_out_figures, write_sheet
 from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing, sky_directions
 from livehand.backend.records.shot import HandPose, Shot

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from livehand.backend.person.illumination import LitPixels, fitted_light
-from livehand.backend.person.numbers import PixelTones, fitted_melanin
+from livehand.backend.person.lit_model.illumination import LitPixels, fitted_light
+from livehand.backend.person.lit_model.numbers import PixelTones, fitted_melanin
 
 PIXELS, LOBES = 900, 6
 LIGHT_SKIN, PER_MELANIN = np.log([0.6, 0.35, 0.25]), np.log([0.25, 0.17, 0.12])

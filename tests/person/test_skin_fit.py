@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.person.illumination import Illumination, lobe_directions
+from livehand.backend.person.lit_model.illumination import Illumination, lobe_directions
 from livehand.backend.person.person_avatar import shipped_bases
 from livehand.backend.person.rig.rig_cameras import turned
 from livehand.backend.person.skin_fit import fitted_to_skin

@@ -16,9 +16,9 @@ from scipy.ndimage import binary_erosion
 from scipy.optimize import least_squares
 
 from ...backend.capture.picture import linear_to_srgb
-from ...backend.person.flow import flow_between, local_contrast
-from ...backend.person.illumination import Illumination
-from ...backend.person.model import PersonModel
+from ...backend.person.lit_model.flow import flow_between, local_contrast
+from ...backend.person.lit_model.illumination import Illumination
+from ...backend.person.lit_model.model import PersonModel
 from ...backend.records.camera import Camera
 from ...backend.records.hand_picture import HAND, UNKNOWN, HandPicture
 

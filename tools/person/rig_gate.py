@@ -19,8 +19,8 @@ from PIL import Image
 from ...backend.evaluation.perceptual.lpips import load_lpips
 from ...backend.hand.model_file import load_default_hand
 from ...backend.person.camera_gains import with_camera_gains
+from ...backend.person.lit_model.model import PersonModel
 from ...backend.person.making import COARSE_ROUND, MakingOptions, RoundOptions, person_of_pictures
-from ...backend.person.model import PersonModel
 from ...backend.person.person_avatar import shipped_bases
 from ...backend.person.rig.pictures_of_rig import pictures_of_rig
 from ...backend.records.hand_picture import PicturedHand
@@ -42,7 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     bases = shipped_bases(load_default_hand())
     for side, hand in hands.items():
         given = replace(hand, offset_m=None) if args.without_offset else hand
-        options = MakingOptions((COARSE_ROUND, RoundOptions(args.resolution)), fits_poses=not args.without_offset)
+        options = MakingOptions(
+            (COARSE_ROUND, RoundOptions(args.resolution, levels=True)), fits_poses=not args.without_offset
+        )
         person, fitted = person_of_pictures(bases, given, options, say)
         light = person.lights[hand.pictures[0].scene]
         for name, one in (("base", person.model.with_ratio(None)), ("person", person.model)):

@@ -9,7 +9,7 @@ import numpy as np
 from ...backend.avatars.file import load_avatar
 from ...backend.avatars.library import shipped_avatar_path
 from ...backend.hand.model_file import load_default_hand
-from ...backend.person.model import PersonModel
+from ...backend.person.lit_model.model import PersonModel
 from ...backend.records.shot import HandPose
 from ...backend.surface.atlas_texels import AtlasTexels
 from ...backend.teacher.frames import swap_distal, template_to_build

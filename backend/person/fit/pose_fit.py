@@ -21,7 +21,7 @@ from ...hand.lbs_slopes import BETA, FOREARM, THETA, TRANSL, VertexSubset, posed
 from ...hand.model import HandModel
 from ...records.hand_picture import HandPicture
 from ...records.shot import HandPose
-from ..hand_size import LengthPrior
+from .hand_size import LengthPrior
 from .pose_targets import PoseTargets
 
 _POSE = 54  # unknowns of a pose: theta, transl, forearm

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ...records.hand_picture import HAND, UNKNOWN, HandPicture
-from ..flow import bilinear, flow_between, nearest
-from ..illumination import Illumination, encoded_colours
-from ..model import GeometryMaps, PersonModel
+from ..lit_model.flow import bilinear, flow_between, nearest
+from ..lit_model.illumination import Illumination, encoded_colours
+from ..lit_model.model import GeometryMaps, PersonModel
 from ..rig.outlines import outline_of, outline_of_mask, sure_pixels
 
 _ALONG_PX = 2.0  # of the outline: vertices so near to it belong to it

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from livehand.backend.person.fit.pose_targets import outline_targets
-from livehand.backend.person.model import GeometryMaps
+from livehand.backend.person.lit_model.model import GeometryMaps
 from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
 
 MIDDLE_PX, RADIUS_PX = 50.0, 30.0

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.flow import bilinear, flow_between, nearest
+from livehand.backend.person.lit_model.flow import bilinear, flow_between, nearest
 
 pytest.importorskip("cv2")
 

@@ -8,7 +8,7 @@ import torch
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.measurements import length_and_breadth_m
 from livehand.backend.motion.spaces import rest_wrists
-from livehand.backend.person.hand_size import LengthPrior, check_length, sized, with_mean_proportions
+from livehand.backend.person.fit.hand_size import LengthPrior, check_length, sized, with_mean_proportions
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.hand_picture import HandPicture, PicturedHand

@@ -15,13 +15,13 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
-from ..capture.masks.mask import load_opencv
-from ..capture.picture import linear_to_srgb, srgb_to_linear
-from ..records.camera import Camera
-from ..records.errors import LiveHandError
-from ..records.hand_picture import HAND, HandPicture
-from ..records.light import Lamp, Light, Sky, sky_directions
-from ..system.parallel_map import parallel_map
+from ...capture.masks.mask import load_opencv
+from ...capture.picture import linear_to_srgb, srgb_to_linear
+from ...records.camera import Camera
+from ...records.errors import LiveHandError
+from ...records.hand_picture import HAND, HandPicture
+from ...records.light import Lamp, Light, Sky, sky_directions
+from ...system.parallel_map import parallel_map
 from .model import PersonModel
 
 _SKY_SIZE = 16, 32

@@ -2,6 +2,10 @@
 
 Each picture has an exposure and a white balance of its own. A channel that a camera clipped was at least as bright: it
 counts where it says more than the others do.
+
+What is coarse in a picture is light as much as skin. Light is never known exactly: a finger is darker in one picture
+and brighter in the next than the model says, and a robust mean of each texel alone would believe one picture here and
+another one beside it, with an edge between them. So that part is levelled first.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..system.parallel_map import parallel_map
+from ...system.parallel_map import parallel_map
 
 _OUTLIER = 0.12  # of the logarithm
 _REWEIGHTED = 4
@@ -42,10 +46,19 @@ class GatheredRatio:
 
 
 class TexelSighting(NamedTuple):
-    """Of one picture: weight [T], logarithm of the ratio [T, 3], where it is a lower bound [T, 3]; mean flow."""
+    """What one picture says.
+
+    Attributes:
+        weight: [T].
+        log_ratio: [T, 3] logarithm of the ratio.
+        coarse: [T, 3] what of it is coarse; NaN where clipped channels do not let it be seen.
+        is_bound: [T, 3] where the logarithm is a lower bound.
+        flow_px: mean length of the flow.
+    """
 
     weight: np.ndarray
     log_ratio: np.ndarray
+    coarse: np.ndarray
     is_bound: np.ndarray
     flow_px: float
 
@@ -125,3 +138,58 @@ def _gain(off: np.ndarray, weight: np.ndarray) -> np.ndarray:
         if each.sum() >= _LEAST_GAIN_WEIGHT:
             gain[channel] = _GAIN_SHRINK * np.median(off[each > 0.3 * each.max(), channel])
     return gain
+
+
+_LEVEL_OUTLIER = 0.15  # of the logarithm; farther ones count in inverse proportion: that has one optimum, and no edges
+_LEVEL_ROUNDS = 4
+_LEVELLED = 0.9  # share of what is off
+_GAIN_TEXELS = 1 << 15  # of which a picture's gain is told
+
+
+def levelled(sightings: Sequence[TexelSighting]) -> list[TexelSighting]:
+    """Take from each picture most of what is coarse and unlike the others', beyond its gain.
+
+    Args:
+        sightings: of all pictures.
+    """
+    level = _agreed_level(sightings)
+
+    def moved(sighting: TexelSighting) -> TexelSighting:
+        off = np.nan_to_num(sighting.coarse.astype(np.float32) - level)
+        return sighting._replace(log_ratio=(sighting.log_ratio - _LEVELLED * off).astype(np.float16))
+
+    return parallel_map(moved, sightings)
+
+
+def _agreed_level(sightings: Sequence[TexelSighting]) -> np.ndarray:
+    """Return the coarse part [T, 3] that pictures agree on."""
+    count = len(sightings[0].weight)
+    some = _CoarseParts.of(sightings, slice(0, count, -(-count // _GAIN_TEXELS)))
+    gains = np.zeros((len(sightings), 3), np.float32)
+    for _ in range(_LEVEL_ROUNDS):
+        off = some.coarse - some.robust_mean(gains)
+        gains = np.stack([_gain(*each) for each in zip(off, some.weight[..., None], strict=True)])
+        gains -= gains.mean(0)
+    parts = [slice(first, first + _PART_TEXELS) for first in range(0, count, _PART_TEXELS)]
+    return np.concatenate(parallel_map(lambda part: _CoarseParts.of(sightings, part).robust_mean(gains), parts))
+
+
+class _CoarseParts(NamedTuple):
+    """What is coarse [K, t, 3] in K pictures of some texels, and how well they show it [K, t]."""
+
+    coarse: np.ndarray
+    weight: np.ndarray
+
+    @classmethod
+    def of(cls, sightings: Sequence[TexelSighting], texels: slice) -> _CoarseParts:
+        coarse = np.stack([one.coarse[texels] for one in sightings]).astype(np.float32)
+        weight = np.sqrt(np.stack([one.weight[texels] for one in sightings]).astype(np.float32))
+        return cls(np.nan_to_num(coarse), weight * np.isfinite(coarse).all(-1))
+
+    def robust_mean(self, gains: np.ndarray) -> np.ndarray:
+        """Return the mean [t, 3] beyond the pictures' gains [K, 3], from which far ones count little."""
+        even, weight, mean = self.coarse - gains[:, None], self.weight, np.float32(0)
+        for _ in range(_LEVEL_ROUNDS):
+            mean = (weight[..., None] * even).sum(0) / np.maximum(weight.sum(0), 1e-6)[:, None]
+            weight = self.weight / (1 + np.linalg.norm(even - mean, axis=-1) / _LEVEL_OUTLIER)
+        return np.asarray(mean)

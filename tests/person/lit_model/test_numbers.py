@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.numbers import ToneFamily, fitted_numbers
+from livehand.backend.person.lit_model.numbers import ToneFamily, fitted_numbers
 from livehand.backend.surface.blood import BLOOD_LOG_ALBEDO
 
 RNG = np.random.default_rng(4)

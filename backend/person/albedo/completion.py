@@ -16,10 +16,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import linalg
 
-from ..surface.atlas_texels import AtlasTexels
-from ..surface.skin_patches import RestPoints, patched
+from ...surface.atlas_texels import AtlasTexels
+from ...surface.skin_patches import RestPoints, patched
+from ..lit_model.numbers import ToneFamily, ToneFit, fitted_numbers
 from .gathering import GatheredRatio
-from .numbers import ToneFamily, ToneFit, fitted_numbers
 
 _MOST_WEIGHT = 2.0  # of a texel: more pictures do not make it surer
 _SMOOTH_EDGES = 6.0  # of the Laplacian against data: what is coarser than about 4 mm

@@ -9,21 +9,21 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from ..avatars.avatar import Avatar
-from ..field.rays import CameraTensors, camera_tensors, view_directions
-from ..hand.lbs import posed_vertices
-from ..hand.model import HandModel
-from ..image.shading import diffuse_and_specular
-from ..records.camera import Camera
-from ..records.errors import LiveHandError
-from ..records.frame import Frame, empty_frame
-from ..records.light import Light
-from ..records.shot import HandPose, Shot
-from ..render.progress import RenderProgress
-from ..render.relightable import RelightablePipeline
-from ..render.renderer import Renderer
-from ..surface.albedo_ratio import AlbedoRatio, vertex_ratio
-from ..surface.detail_mesh import DetailMesh, DetailTemplate, barycentric, blend_corners
+from ...avatars.avatar import Avatar
+from ...field.rays import CameraTensors, camera_tensors, view_directions
+from ...hand.lbs import posed_vertices
+from ...hand.model import HandModel
+from ...image.shading import diffuse_and_specular
+from ...records.camera import Camera
+from ...records.errors import LiveHandError
+from ...records.frame import Frame, empty_frame
+from ...records.light import Light
+from ...records.shot import HandPose, Shot
+from ...render.progress import RenderProgress
+from ...render.relightable import RelightablePipeline
+from ...render.renderer import Renderer
+from ...surface.albedo_ratio import AlbedoRatio, vertex_ratio
+from ...surface.detail_mesh import DetailMesh, DetailTemplate, barycentric, blend_corners
 
 
 class GeometryMaps(NamedTuple):

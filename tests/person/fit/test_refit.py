@@ -2,7 +2,7 @@
 
 import numpy as np
 from livehand.backend.person.fit.pose_targets import OutlineTargets, PoseTargets
-from livehand.backend.person.refit import made_smaller
+from livehand.backend.person.fit.refit import made_smaller
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.hand_picture import HAND, HandPicture
 from livehand.backend.records.shot import HandPose

@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..capture.masks.mask import load_opencv
-from ..hand.lbs import posed_vertices
-from ..records.hand_picture import HandPicture
-from ..records.shot import HandPose
-from ..system.parallel_map import parallel_map
-from ..system.thread_limits import thread_limit
-from .fit.pose_fit import fitted_poses
-from .fit.pose_targets import PoseTargets, pose_targets
-from .illumination import Illumination
-from .model import PersonModel
+from ...capture.masks.mask import load_opencv
+from ...hand.lbs import posed_vertices
+from ...records.hand_picture import HandPicture
+from ...records.shot import HandPose
+from ...system.parallel_map import parallel_map
+from ...system.thread_limits import thread_limit
+from ..lit_model.illumination import Illumination
+from ..lit_model.model import PersonModel
+from .pose_fit import fitted_poses
+from .pose_targets import PoseTargets, pose_targets
 
 
 @dataclass(frozen=True)

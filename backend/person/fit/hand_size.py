@@ -12,11 +12,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..hand.measurements import fit_beta, length_and_breadth_m, measurement_slopes
-from ..hand.model import HandModel
-from ..motion.spaces import rest_wrists
-from ..records.errors import LiveHandError
-from ..records.hand_picture import HandPicture, PicturedHand
+from ...hand.measurements import fit_beta, length_and_breadth_m, measurement_slopes
+from ...hand.model import HandModel
+from ...motion.spaces import rest_wrists
+from ...records.errors import LiveHandError
+from ...records.hand_picture import HandPicture, PicturedHand
 
 LENGTH_LIMITS_M = 0.1, 0.25  # of a child to the longest
 _DEVIATION_M = 0.001  # of a ruler

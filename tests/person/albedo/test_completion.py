@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.completion import CompletedRatio, with_unseen_detail
-from livehand.backend.person.numbers import ToneFit
+from livehand.backend.person.albedo.completion import CompletedRatio, with_unseen_detail
+from livehand.backend.person.lit_model.numbers import ToneFit
 from livehand.backend.surface.atlas_texels import AtlasTexels
 from livehand.backend.surface.skin_patches import RestPoints
 from livehand.tests.person.conftest import middle_person

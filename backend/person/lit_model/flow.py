@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..capture.masks.mask import load_opencv
+from ...capture.masks.mask import load_opencv
 
 _LEAST_SHARE = 1e-3
 _CONTRAST, _FLOOR = 0.14, 0.008  # deviation from grey of what has more than the floor's

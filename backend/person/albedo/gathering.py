@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..capture.masks.mask import load_opencv
-from ..geometry.tolerances import NEAR_M
-from ..records.hand_picture import HAND, UNKNOWN, HandPicture
-from ..surface.atlas_texels import AtlasTexels
-from ..system.parallel_map import parallel_map
-from .agreement import GatheredRatio, TexelSighting, agreed_ratio
-from .flow import bilinear, flow_between, nearest
-from .illumination import Illumination, encoded_colours, linear_colours
-from .model import GeometryMaps, PersonModel
+from ...capture.masks.mask import load_opencv
+from ...geometry.tolerances import NEAR_M
+from ...records.hand_picture import HAND, UNKNOWN, HandPicture
+from ...surface.atlas_texels import AtlasTexels
+from ...system.parallel_map import parallel_map
+from ..lit_model.flow import bilinear, flow_between, nearest
+from ..lit_model.illumination import Illumination, encoded_colours, linear_colours
+from ..lit_model.model import GeometryMaps, PersonModel
+from .agreement import GatheredRatio, TexelSighting, agreed_ratio, levelled
 
 _LEAST_FACING = 0.25
 _BEHIND_M = 0.004  # farther than the surface that is seen: hidden
@@ -41,6 +41,7 @@ def gathered_ratio(
     lights: Mapping[int, Illumination],
     ratio: np.ndarray | None,
     with_flow: bool = True,
+    levels: bool = False,
     on_picture: Callable[[], None] = lambda: None,
 ) -> GatheredRatio:
     """Gather what pictures show.
@@ -52,16 +53,20 @@ def gathered_ratio(
         lights: by scene.
         ratio: [T, 3] logarithms that the model has; None: zeros.
         with_flow: correct places by flow; harmful while the model's texture is not the person's and views differ much.
+        levels: take what is coarse from all pictures together (`levelled`): of the last texture, for poses are found
+            better with each picture's own light in it.
         on_picture: called after each.
     """
     usual_px_per_mm = float(np.median([_px_per_mm(picture) for picture in pictures]))
 
     def sighting_in(picture: HandPicture) -> TexelSighting:
         sighting = _sighting(model, texels, picture, lights[picture.scene], with_flow, usual_px_per_mm)
-        known = sighting.log_ratio if ratio is None else sighting.log_ratio + ratio
-        return sighting._replace(log_ratio=known.astype(np.float16))
+        known = 0 if ratio is None else ratio
+        log_ratio, coarse = ((each + known).astype(np.float16) for each in (sighting.log_ratio, sighting.coarse))
+        return sighting._replace(log_ratio=log_ratio, coarse=coarse)
 
     sightings = parallel_map(sighting_in, pictures, on_picture)
+    sightings = levelled(sightings) if levels else sightings
     return agreed_ratio(sightings, np.zeros((len(texels.pixel), 3), np.float32) if ratio is None else ratio)
 
 
@@ -94,9 +99,12 @@ def _sighting(
     weight[visible] *= np.exp(-(bilinear(error_px, px) ** 2) / (2 * _FLOW_ERROR_PX**2))
     weight *= _sharpness(encoded, seen.is_seen)
     log_ratio[visible] = np.log((bilinear(shown, moved) + _NOISE) / (bilinear(rendered, px) + _NOISE))
+    mask = _depth_edges(seen)[1] * _moved(usable * (is_clipped.max(-1) < 1), flow_px)
+    coarse = np.full_like(log_ratio, np.nan)
+    coarse[visible] = bilinear(_coarse(_moved(shown, flow_px), rendered, mask, _COARSE_MM * usual_px_per_mm), px)
     length = float(np.linalg.norm(flow_px[seen.is_seen], axis=1).mean()) if seen.is_seen.any() else 0.0
     is_bound[visible] = bilinear(is_clipped, moved) > 0.05
-    return TexelSighting(weight, log_ratio, is_bound, length)
+    return TexelSighting(weight, log_ratio, coarse, is_bound, length)
 
 
 class _ProjectedTexels(NamedTuple):
@@ -174,3 +182,24 @@ def _sharpness(encoded: np.ndarray, where: np.ndarray) -> float:
 
 
 _USUAL_SHARPNESS = 0.3
+
+
+_COARSE_MM = 3.0  # deviation of the blur that leaves what is coarse
+_LEAST_SHARE = 0.1  # of the pixels within it, that tell of what is coarse
+
+
+def _coarse(shown: np.ndarray, rendered: np.ndarray, mask: np.ndarray, sigma_px: float) -> np.ndarray:
+    """Blur the logarithm [H, W, 3] of what is shown over what is rendered, in a mask; NaN where it leaves little."""
+    cv2 = load_opencv()
+    off = np.log((shown + _NOISE) / (rendered + _NOISE)).astype(np.float32) * mask[..., None]
+    share = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma_px)[..., None]
+    return np.where(share > _LEAST_SHARE, cv2.GaussianBlur(off, (0, 0), sigma_px) / share.clip(_LEAST_SHARE), np.nan)
+
+
+def _moved(image: np.ndarray, flow_px: np.ndarray) -> np.ndarray:
+    """Look an image [H, W, ...] up where flow leads."""
+    rows, columns = np.mgrid[: image.shape[0], : image.shape[1]].astype(np.float32)
+    cv2 = load_opencv()
+    return cv2.remap(
+        image.astype(np.float32), columns + flow_px[..., 0], rows + flow_px[..., 1], interpolation=cv2.INTER_LINEAR
+    )

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..geometry.rotation import axis_angle_to_matrix
-from ..records.light import Lamp, Light, rotation_facing
-from ..system.parallel_map import parallel_map
+from ...geometry.rotation import axis_angle_to_matrix
+from ...records.light import Lamp, Light, rotation_facing
+from ...system.parallel_map import parallel_map
 from .illumination import LitPixels, fitted_light, lobe_directions
 from .model import PersonModel
 from .numbers import PixelTones

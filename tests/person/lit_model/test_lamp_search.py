@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.illumination import Illumination, fitted_light, lit_pixels
-from livehand.backend.person.lamp_search import with_lamp
-from livehand.backend.person.numbers import PixelTones
+from livehand.backend.person.lit_model.illumination import Illumination, fitted_light, lit_pixels
+from livehand.backend.person.lit_model.lamp_search import with_lamp
+from livehand.backend.person.lit_model.numbers import PixelTones
 from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing, sky_directions
 from livehand.tests.person.conftest import middle_person, pictured
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.agreement import TexelSighting, agreed_ratio
+from livehand.backend.person.albedo.agreement import TexelSighting, agreed_ratio
 
 TEXELS = 400
 TRUE = np.array([-0.3, -0.5, -0.7], np.float32)
@@ -11,7 +11,7 @@ NONE = np.zeros((TEXELS, 3), bool)
 
 def sighting(log_ratio, is_bound=NONE, weight=1.0):
     every = np.broadcast_to(np.asarray(log_ratio, np.float32), (TEXELS, 3)).copy()
-    return TexelSighting(np.full(TEXELS, weight, np.float32), every, is_bound.copy(), 0.0)
+    return TexelSighting(np.full(TEXELS, weight, np.float32), every, every, is_bound.copy(), 0.0)
 
 
 def bounds(channel):

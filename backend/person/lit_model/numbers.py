@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..surface.atlas_texels import AtlasTexels
-from ..surface.blood import BLOOD_LOG_ALBEDO
-from ..system.parallel_map import parallel_map
+from ...surface.atlas_texels import AtlasTexels
+from ...surface.blood import BLOOD_LOG_ALBEDO
+from ...system.parallel_map import parallel_map
 from .illumination import LitPixels, fitted_light
 
 _BLOOD_DEVIATION, _TINT_DEVIATION = 0.2, 0.06
