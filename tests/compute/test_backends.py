@@ -25,7 +25,14 @@ from livehand.backend.light.visibility import ShadowMapPoints
 from livehand.backend.surface.edge_antialiasing import SurfaceBones
 
 # What numba leaves to the reference: sequences of stages, of which it overrides the costly parts; and whole frames.
-LEFT_TO_THE_REFERENCE = {"visibility", "point_shadows", "shading_inputs", "lit_frames", "renders_lit_frames"}
+LEFT_TO_THE_REFERENCE = {
+    "visibility",
+    "point_shadows",
+    "shading_inputs",
+    "lit_frames",
+    "baked_frames",
+    "renders_whole_frames",
+}
 BY_NUMBA = set("""
     frames_at_once threads_of_frame
     skin_motion posed_mesh local_rotations

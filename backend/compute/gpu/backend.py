@@ -10,14 +10,15 @@ import torch
 import warp as wp
 
 from ...records.errors import LiveHandError
-from ..lit_frames import FrameModel
+from ..whole_frames import BakedFrameRenderer, BakedModel, LitFrameRenderer, LitModel
 from .ahead import use_shipped
+from .baked_frame import baked_frames
 from .field_stages import FieldStages
 from .image_stages import ImageStages
 from .kernels.compiled import launch
 from .kernels.raster import prepare_view
 from .light_stages import RadianceStages
-from .lit_frame import LitFrames
+from .lit_frame import lit_frames
 from .ray_stages import RayStages
 from .surface_stages import DetailStages
 
@@ -31,12 +32,17 @@ class WarpBackend(RayStages, FieldStages, RadianceStages, ImageStages, DetailSta
 
     def __init__(self, device: str | None = None) -> None:
         self.device = device
-        self.renders_lit_frames = device is not None
+        self.renders_whole_frames = device is not None
 
-    def lit_frames(self, model: FrameModel) -> LitFrames:
+    def lit_frames(self, model: LitModel) -> LitFrameRenderer:
         """Return what renders whole lit frames of a model."""
         assert self.device is not None
-        return LitFrames(model, self.device)
+        return lit_frames(model, self.device)
+
+    def baked_frames(self, model: BakedModel) -> BakedFrameRenderer:
+        """Return what renders whole frames of a model in its capture's light."""
+        assert self.device is not None
+        return baked_frames(model, self.device)
 
 
 _OFF = 1e-6

@@ -18,7 +18,7 @@ from ...image.edge_avoiding_filter import OFF_PLANE_M
 from ...light.prefiltered_environment import SIDE, WIDTHS
 from ...surface.detail_maps import BUMP, SLOPE_STEP_MM
 from ...surface.edge_antialiasing import STEP_M, STEP_PX
-from ..lit_frames import FrameModel, LitShot
+from ..whole_frames import LitModel, LitShot
 from .blocks import HostBlock, Layout
 from .frame_nearby import fill_nearby, nearby_layout
 from .frame_shape import FrameShape
@@ -43,7 +43,18 @@ SURFEL_LAMP_COLUMNS = tuple(f"surfel_{name}" for name in LAMP_COLUMNS)
 """The same, at surfels."""
 
 
-def parameter_layout(model: FrameModel, shape: FrameShape) -> Layout:
+CAMERA: Layout = {
+    "K": (wp.float32, (3, 3)),
+    "full_K": (wp.float32, (3, 3)),
+    "world2cam": (wp.float32, (4, 4)),
+    "view": (wp.vec3, (4,)),
+    "full_view": (wp.vec3, (4,)),
+    "window": (wp.int32, (2,)),
+}
+"""Of the rays and of the image; and how many columns and rows have rays."""
+
+
+def parameter_layout(model: LitModel, shape: FrameShape) -> Layout:
     """Lay out the parameters of frames of one shape."""
     vertices, fine, views = len(model.albedo), len(model.template.offset_m), shape.views
     joints = len(model.template.skin.parents)
@@ -57,13 +68,8 @@ def parameter_layout(model: FrameModel, shape: FrameShape) -> Layout:
         "joint_pose": (wp.float32, (joints, 9)),
         "height_m": (wp.float32, (fine,)),
         "flex": (wp.float32, (vertices,)),
-        "K": (wp.float32, (3, 3)),
-        "full_K": (wp.float32, (3, 3)),
-        "world2cam": (wp.float32, (4, 4)),
-        "view": (wp.vec3, (4,)),
-        "full_view": (wp.vec3, (4,)),
+        **CAMERA,
         **{name: (wp.float32, (count,)) for name, count in _CONSTANTS.items()},
-        "window": (wp.int32, (2,)),
         "frames": (wp.mat33, (views,)),
         "distance": (wp.float32, (views,)),
         "table": (wp.int32, (views, 10)),
@@ -100,11 +106,11 @@ _CONSTANTS = {
 
 
 def fill_parameters(
-    host: HostBlock, model: FrameModel, shape: FrameShape, shot: LitShot, last: LitShot | None = None
+    host: HostBlock, model: LitModel, shape: FrameShape, shot: LitShot, last: LitShot | None = None
 ) -> None:
     """Fill the parameters of a frame; what the last one had as the same tensors is left as it is."""
     _fill_pose(host, model, shot, last)
-    _fill_camera(host, shot.camera)
+    fill_camera(host, shot.camera)
     host["window"][:] = shot.window_px
     for name, values in _constants(model, shot).items():
         host[name][:] = values
@@ -117,7 +123,7 @@ def fill_parameters(
     fill_views(host, model, shape, shot, last)
 
 
-def _fill_pose(host: HostBlock, model: FrameModel, shot: LitShot, last: LitShot | None) -> None:
+def _fill_pose(host: HostBlock, model: LitModel, shot: LitShot, last: LitShot | None) -> None:
     skin, pose = model.template.skin, shot.pose
     named = {"theta": pose.theta, "forearm": pose.forearm[None], "transl": pose.transl[None], "beta": pose.beta}
     named |= {"vertices": shot.vertices, "joint_pose": shot.joint_pose, "height_m": shot.height_m, "flex": shot.flex}
@@ -129,7 +135,8 @@ def _fill_pose(host: HostBlock, model: FrameModel, shot: LitShot, last: LitShot 
     host["rest_joints"][:] = skin.J_regressor.numpy() @ shaped
 
 
-def _fill_camera(host: HostBlock, camera: CameraTensors) -> None:
+def fill_camera(host: HostBlock, camera: CameraTensors) -> None:
+    """Fill the camera of rays, and that of the image, twice as large."""
     K, world2cam = camera.K.double().numpy(), camera.world2cam.double().numpy()
     host["world2cam"][:] = world2cam
     for name, matrix in (("", K), ("full_", np.diag([2.0, 2, 1]) @ K)):
@@ -143,7 +150,7 @@ def camera_axes(K: Float[np.ndarray, "3 3"], world2cam: Float[np.ndarray, "4 4"]
     return np.concatenate([-(turn.T @ offset)[None], (turn.T @ np.linalg.inv(K)).T])
 
 
-def _constants(model: FrameModel, shot: LitShot) -> dict[str, Any]:
+def _constants(model: LitModel, shot: LitShot) -> dict[str, Any]:
     """Compute what kernels take as constants of a view."""
     scale, maps = shot.scale, model.maps
     focal_px = float(shot.camera.focal_px)

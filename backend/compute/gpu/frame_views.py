@@ -17,7 +17,7 @@ from ...light.shadow_maps import (
     scene_lengths,
 )
 from ...light.sky_samples import SKY_DIRECTIONS
-from ..lit_frames import FrameModel, LitShot
+from ..whole_frames import LitModel, LitShot
 from .blocks import HostBlock
 from .frame_nearby import POINTS
 from .frame_shape import FrameShape
@@ -33,7 +33,7 @@ class CasterRange(NamedTuple):
     faces: int
 
 
-def casters_of(model: FrameModel) -> tuple[CasterRange, CasterRange, CasterRange]:
+def casters_of(model: LitModel) -> tuple[CasterRange, CasterRange, CasterRange]:
     """List what casts shadows: the mesh, the surface in a quarter of its faces, and in all of them."""
     vertices, faces, fine = len(model.albedo), len(model.topology.faces), len(model.template.offset_m)
     coarse = CasterRange(vertices, model.casting_vertices, faces, model.casting_faces)
@@ -41,7 +41,7 @@ def casters_of(model: FrameModel) -> tuple[CasterRange, CasterRange, CasterRange
     return CasterRange(0, vertices, 0, faces), coarse, finest
 
 
-def fill_views(host: HostBlock, model: FrameModel, shape: FrameShape, shot: LitShot, last: LitShot | None) -> None:
+def fill_views(host: HostBlock, model: LitModel, shape: FrameShape, shot: LitShot, last: LitShot | None) -> None:
     """Fill the views of a frame, about the hand and about nearby patches and the hand; `last` as `fill_parameters`."""
     sky, lamps = shot.light
     bounds = shot.bounds if shot.patches is None else shot.patches.points.bounds_with(torch.as_tensor(shot.vertices))
@@ -73,7 +73,7 @@ def _fill_spheres(host: HostBlock, shot: LitShot, of_patches: Bounds) -> None:
         host["lengths"][row] = scene_lengths(shot.scale / radius)
 
 
-def _fill_table(table: np.ndarray, model: FrameModel, shape: FrameShape, shot: LitShot) -> None:
+def _fill_table(table: np.ndarray, model: LitModel, shape: FrameShape, shot: LitShot) -> None:
     """Fill the table of `kernels.shadow`."""
     vertices, lamps = len(model.albedo), shot.light.lamps
     mesh, coarse, finest = casters_of(model)

@@ -160,10 +160,10 @@ CONSTANT = {"light", "decoder_inputs"}
 """The columns of `arriving` are ones from the beginning, and those by which inputs are padded zeros."""
 
 
-def poison(buffers):
+def poison(buffers, constant=CONSTANT):
     """Fill all that a frame is to fill before it is read."""
     for name in buffers.filled:
-        if name not in CONSTANT and buffers[name].size:
+        if name not in constant and buffers[name].size:
             kind = buffers[name].dtype
             is_whole = kind in (wp.int32, wp.int64, wp.bool)
             buffers[name].fill_(1 if is_whole else float("nan"))
