@@ -21,6 +21,7 @@ from ..field.volume import Composite
 from ..geometry.local_rotation import local_rotations
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.lbs import skin_motion
+from ..image.crop import hand_extent
 from ..image.edge_avoiding_filter import edge_avoiding_mean
 from ..image.shading import (
     ShadingInputs,
@@ -64,6 +65,7 @@ class ReferenceBackend:
 
     skin_motion = staticmethod(skin_motion)
     posed_mesh = staticmethod(posed_mesh)
+    hand_extent = staticmethod(hand_extent)
     local_rotations = staticmethod(local_rotations)
 
     first_hit = staticmethod(first_hit)

@@ -25,6 +25,7 @@ from ..records.shot import HandPose
 from ..surface.blood import JointBlood
 from ..surface.detail_maps import DetailMaps
 from ..surface.detail_mesh import DetailTemplate
+from ..surface.detail_surface import RaisedParts
 from ..surface.hair_growth import Hairs
 
 
@@ -65,6 +66,7 @@ class LitModel(FrameModel):
 
     Attributes:
         template: of the avatar's surface.
+        raised: what rises on it.
         maps: of its detail.
         joint_blood: that bending draws out of its joints; None: none.
         albedo: [V, 3] of the skin at the mesh's vertices.
@@ -76,6 +78,7 @@ class LitModel(FrameModel):
 
     field: RelightableField
     template: DetailTemplate
+    raised: RaisedParts
     maps: DetailMaps
     joint_blood: JointBlood | None
     albedo: Tensor
@@ -107,13 +110,14 @@ class LitShot(NamedTuple):
         pose: of the hand.
         vertices: [V, 3] m, world.
         joint_pose: [16, 9] what `vertex_local_pose` blends, rad.
-        height_m: [N] what rises on the avatar's surface, template metres.
+        raised_shares: [1 + forms] how much of what the model says rises on the avatar's surface.
         flex: [V] bend of the skin.
         camera: of the rays; the image is twice as large.
         window_px: the columns and rows of their image that have rays, the first ones.
         scale: of the hand against its template.
         bounds: of its vertices.
         light: sampled around these.
+        is_hard: which of its samples are of lamps whose shadows have edges.
         at_surfels: its lamps as they light the skin that reflects light, in fewer samples where shadows are fine.
         has_fine_shadows: whether all of the surface's faces cast those of hard lamps.
         occluders: [T, 3, 3] m, world, corners of triangles that cast shadows on the hand.
@@ -125,13 +129,14 @@ class LitShot(NamedTuple):
     pose: HandPose
     vertices: np.ndarray
     joint_pose: np.ndarray
-    height_m: np.ndarray
+    raised_shares: np.ndarray
     flex: np.ndarray
     camera: CameraTensors
     window_px: tuple[int, int]
     scale: float
     bounds: Bounds
     light: LightSamples
+    is_hard: np.ndarray
     at_surfels: LampSamples
     has_fine_shadows: bool
     occluders: np.ndarray

@@ -134,15 +134,16 @@ class BakedShots(ShotsAtOnce):
         of_hand = self.in_crop(shot)
         if of_hand is None:
             return empty_frame(shot.camera.size_px)
-        mesh, bounds, crop, window_px = of_hand
-        given = mesh.vertices.numpy(), self.joint_pose(shot.pose).numpy(), crop.tensors_of(shot.camera)
-        found = self._renderer(shot.pose.side).render(BakedShot(*given, window_px, float(mesh.scale), bounds))
+        given = of_hand.vertices.numpy(), self.joint_pose(shot.pose), of_hand.camera, of_hand.window_px
+        found = self._renderer(shot.pose.side).render(BakedShot(*given, of_hand.scale, of_hand.bounds))
         if found is None:
             say_overflow()
             return None
         pixels, (row, *of_rays) = found
-        frame = self.images.frame(pixels, crop, shot.camera.size_px, is_lit=False)
-        profile = DepthProfile(rows_of_image(row, crop, shot.camera.size_px), *map(np.array, of_rays), ray_px=2)
+        frame = self.images.frame(pixels, of_hand.crop, shot.camera.size_px, is_lit=False)
+        profile = DepthProfile(
+            rows_of_image(row, of_hand.shared, shot.camera.size_px), *map(np.array, of_rays), ray_px=2
+        )
         return replace(frame, profile=profile)
 
     def _renderer(self, side: Side) -> BakedFrameRenderer:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -20,18 +20,18 @@ from torch import Tensor
 from ..avatars.avatar import Avatar
 from ..compute.reference import ReferenceBackend
 from ..compute.whole_frames import LitFrameRenderer, LitModel, LitShot
-from ..field.conditions import joint_pose
 from ..field.field import BakedField, PlaneField
+from ..field.rays import CameraTensors, camera_tensors
 from ..field.relightable import RelightableField
-from ..geometry.mesh import PosedMesh, Topology
+from ..geometry.mesh import Topology
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.topology import Skinning, topology_of
-from ..image.crop import Crop, crop_of
+from ..image.crop import Crop
 from ..image.kept_images import KeptImages
 from ..image.superres import RelightableSuperRes, ResidualSuperRes
 from ..light.indirect_diffuse import MOST_SURFELS
 from ..light.kept_samples import KeptPatches, KeptSamples
-from ..light.lamp_samples import LampSamples
+from ..light.lamp_samples import HARD_RAD, LampSamples
 from ..light.shadow_maps import Bounds
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light
@@ -81,16 +81,25 @@ class HandInCrop(NamedTuple):
     """A shot's hand on the host, and where its image is.
 
     Attributes:
-        mesh: of the shot.
+        vertices: [V, 3] m, world.
+        scale: against its template.
         bounds: of its vertices.
         crop: of the image, of a size that many frames share.
-        window_px: the columns and rows of the crop's rays that hold the hand.
+        shared: the crop, enlarged so that many frames have its size.
+        camera: of the rays of that.
     """
 
-    mesh: PosedMesh
+    vertices: Tensor
+    scale: float
     bounds: Bounds
     crop: Crop
-    window_px: tuple[int, int]
+    shared: Crop
+    camera: CameraTensors
+
+    @property
+    def window_px(self) -> tuple[int, int]:
+        """Columns and rows of rays that hold the hand."""
+        return self.crop.width, self.crop.height
 
 
 @dataclass(frozen=True)
@@ -111,18 +120,25 @@ class ShotsAtOnce:
     def in_crop(self, shot: Shot) -> HandInCrop | None:
         """Find a shot's crop; None: nothing of the hand is in view."""
         topology, config = self.topology(shot.pose.side), self.avatar.config
-        mesh = self._of_host.posed_mesh(topology, torch.as_tensor(np.asarray(shot.vertices), dtype=torch.float32))
-        crop = crop_of(mesh, shot.camera, config.sampler, config.superres.scale)
+        vertices = torch.from_numpy(np.ascontiguousarray(shot.vertices, np.float32))
+        tensors = camera_tensors(shot.camera, "cpu")
+        extent = self._of_host.hand_extent(topology, vertices, tensors, config.sampler.shell_m)
+        crop = extent.crop(shot.camera.size_px, config.superres.scale)
         if crop is None:
             return None
-        window_px = crop.width, crop.height
-        width, height = (-(-size // BUCKET_PX) * BUCKET_PX for size in window_px)
-        return HandInCrop(mesh, Bounds.of(mesh), replace(crop, width=width, height=height), window_px)
+        width, height = (-(-size // BUCKET_PX) * BUCKET_PX for size in (crop.width, crop.height))
+        bounds = Bounds(torch.from_numpy(extent.centre), torch.tensor(extent.radius))
+        shared = Crop(crop.x0, crop.y0, width, height, crop.scale)
+        return HandInCrop(vertices, extent.scale, bounds, crop, shared, shared.tensors_of(shot.camera, tensors))
 
-    def joint_pose(self, pose: HandPose) -> Tensor:
-        """Return what the field is told of a pose."""
-        theta = pose.theta * mirror_to(self.hand.side, pose.side)
-        return joint_pose(torch.as_tensor(theta, dtype=torch.float32), self.skinning.parents)
+    def joint_pose(self, pose: HandPose) -> np.ndarray:
+        """Return what the field is told of a pose, as `field.conditions.joint_pose`."""
+        fingers, parents = pose.theta * mirror_to(self.hand.side, pose.side), self._parents
+        fingers[0] = 0
+        of_child = np.zeros_like(fingers)
+        np.add.at(of_child, parents[1:], fingers[1:])
+        of_child[0] = 0
+        return np.concatenate([fingers, fingers[parents], of_child], -1)
 
     def topology(self, side: Side) -> Topology:
         """Return that of a side's mesh."""
@@ -134,6 +150,10 @@ class ShotsAtOnce:
     def skinning(self) -> Skinning:
         """Of the hand."""
         return Skinning.of(self.hand)
+
+    @cached_property
+    def _parents(self) -> np.ndarray:
+        return self.skinning.parents.clamp(min=0).numpy()
 
     @cached_property
     def images(self) -> KeptImages:
@@ -193,25 +213,26 @@ class LitShots(ShotsAtOnce):
         return self.images.frame(pixels, of_hand.crop, shot.camera.size_px, shot.light is not None)
 
     def _lit_shot(self, shot: Shot, light: Light, of_hand: HandInCrop) -> LitShot:
-        model, pose, (mesh, bounds, crop, window_px) = self._model(shot.pose.side), shot.pose, of_hand
+        model, pose, bounds = self._model(shot.pose.side), shot.pose, of_hand.bounds
         samples, is_fine = self._light.samples(light, bounds), light.shadow_quality == "fine"
         theta, forearm = (values * mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
         pressed = None if shot.pressed_m is None else Blanching.of(shot.pressed_m, model.template).both.numpy()
         return LitShot(
             pose=pose,
-            vertices=mesh.vertices.numpy(),
-            joint_pose=self.joint_pose(pose).numpy(),
-            height_m=1e-3 * self.surface.surface.raised.height_mm(theta, self.surface.veins_mm, forearm),
+            vertices=of_hand.vertices.numpy(),
+            joint_pose=self.joint_pose(pose),
+            raised_shares=self.surface.surface.raised.shares(theta, forearm),
             flex=self.surface.bend.flex(theta),
-            camera=crop.tensors_of(shot.camera),
-            window_px=window_px,
-            scale=float(mesh.scale),
+            camera=of_hand.camera,
+            window_px=of_hand.window_px,
+            scale=of_hand.scale,
             bounds=bounds,
             light=samples,
+            is_hard=(2 * samples.lamps.radius_rad.numpy() < HARD_RAD)[samples.lamps.lamp.numpy()],
             at_surfels=LampSamples.of(light.lamps, bounds) if is_fine else samples.lamps,
             has_fine_shadows=is_fine,
             occluders=np.asarray(light.occluders, np.float32),
-            patches=self._patches.around(light, mesh.vertices),
+            patches=self._patches.around(light, of_hand.vertices),
             hairs=round(shot.hair * len(model.hairs.radius_m)) if shot.hair > 0 else 0,
             pressed=pressed,
         )
@@ -237,6 +258,7 @@ class LitShots(ShotsAtOnce):
             topology=self.topology(side),
             skinning=self.skinning,
             template=DetailTemplate.of(self.surface.surface, model),
+            raised=self.surface.surface.raised.parts_of_vertices(self.surface.veins_mm),
             maps=self.surface.maps_of(side),
             joint_blood=self.surface.joint_blood,
             albedo=torch.as_tensor(vertex_albedo(self.avatar, self.hand), dtype=torch.float32),

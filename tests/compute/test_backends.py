@@ -35,7 +35,7 @@ LEFT_TO_THE_REFERENCE = {
 }
 BY_NUMBA = set("""
     frames_at_once threads_of_frame
-    skin_motion posed_mesh local_rotations
+    skin_motion posed_mesh hand_extent local_rotations
     first_hit trace shade ray_renderer decoder decoder_inputs superres
     lit_share look_up ambient_occlusion light_features mesh_points indirect_diffuse near_field_light
     smooth_enlarged_rays shares_of_rays normals_at_steps view_directions edge_avoiding_mean shade_image

@@ -22,7 +22,7 @@ from .frame_buffers import RAYS, FrameBuffers, Layouts, answer_layout, padded_la
 from .frame_image import add_convolutions, maps_of
 from .frame_light import add_decoder_layers, new_decoder_inputs
 from .frame_model import DeviceModel, Tables, precision_on
-from .frame_parameters import CAMERA, fill_camera
+from .frame_parameters import CAMERA, fill_camera, focal_of
 from .frame_pose import MOTION, on_pose_bits
 from .frame_rays import add_sampled_rays
 from .frame_shape import ImageShape
@@ -132,7 +132,7 @@ def _fill_parameters(host: HostBlock, model: BakedModel, shot: BakedShot) -> Non
         "scale": scale,
         "lifts_m": (shell_m, 0.0),
         "reaches_m": (scale * BEFORE_M, scale * BEHIND_M, scale * LEAST_REACH_M),
-        "units": (model.sampler.shell_m, float(shot.camera.focal_px), scale),
+        "units": (model.sampler.shell_m, focal_of(shot.camera), scale),
         "sphere": (*shot.bounds.centre.tolist(), radius_m, bias_m),
         "map_bias": bias_m / radius_m,
     }

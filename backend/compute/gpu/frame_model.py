@@ -173,6 +173,7 @@ def lit_tables(model: LitModel) -> Tables:
     """List the tables of lit frames alone: the avatar's surface, its detail, and light."""
     skin, topology, template, maps = model.template.skin, model.topology, model.template, model.maps
     coarse = template.coarse_faces
+    raised = model.raised
     blood = JointBlood(torch.zeros(0), torch.zeros(3)) if model.joint_blood is None else model.joint_blood
     given: Tables = {
         "template": (skin.v_template, wp.vec3),
@@ -188,6 +189,10 @@ def lit_tables(model: LitModel) -> Tables:
         "fine_start": (template.around[0], wp.int64),
         "fine_around": (template.around[1], wp.int64),
         "offset_m": (template.offset_m, wp.vec3),
+        "resting_m": (1e-3 * raised.resting_mm, wp.float32),
+        "raised_start": (raised.start, wp.int64),
+        "raised_part": (raised.part, wp.int32),
+        "raised_m": (1e-3 * raised.height_mm, wp.float32),
         "rest_normals": (template.normals, wp.vec3),
         "bone_of_face": (template.bones.of_face, wp.int8),
         "apart": (template.bones.apart, wp.bool),

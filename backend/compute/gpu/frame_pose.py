@@ -8,7 +8,7 @@ import warp as wp
 from .blocks import address_of, part_of, stride_of
 from .frame_buffers import LitBuffers
 from .frame_nearby import POINTS
-from .kernels.detail import fine_vertices, finer_field, vertex_normals
+from .kernels.detail import finer_field, raised_vertices, vertex_normals
 from .kernels.hits import project_layers
 from .kernels.raster import find_fronts, normals_at, project_vertices
 from .kernels.skinning import joint_motions, mesh_surface, skin_vertices, vertex_conditions
@@ -60,7 +60,8 @@ def _add_surface(frame: LitBuffers, motion: wp.array) -> None:
     frame.named("fine", part_of(casters, vertices, fine))
     frame.new("fine_normals", wp.vec3, fine)
     frame.named("fine_flex", column_of(values, FLEX))
-    frame.add(fine_vertices, fine, values, "offset_m", "rest_normals", "height_m", "fine")
+    raised = "raised_shares", "raised_start", "raised_part", "raised_m", "resting_m"
+    frame.add(raised_vertices, fine, values, "offset_m", "rest_normals", *raised, "fine")
     frame.add(vertex_normals, fine, "fine", "fine_faces", "fine_start", "fine_around", "fine_normals")
 
 

@@ -65,7 +65,7 @@ class FrameShape(ImageShape):
             size_px=shot.camera.size_px,
             sky=len(sky.towards),
             samples=len(lamps.lamp),
-            hard=int(lamps.is_hard.sum()),
+            hard=int(shot.is_hard.sum()),
             lamps=len(lamps.rgb),
             at_surfels=len(shot.at_surfels.lamp),
             has_fine_shadows=shot.has_fine_shadows,

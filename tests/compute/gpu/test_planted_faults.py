@@ -64,7 +64,7 @@ def scaled(name, factor):
 
 
 WRONG = {
-    "a pose": ("fine_vertices", scaled("fine", 1.01)),
+    "a pose": ("raised_vertices", scaled("fine", 1.01)),
     "a depth of shadows": ("look_up", scaled("depth_in_m", 3.0)),
     "shadows": ("look_up", scaled("lit", 0.8)),
     "the sky that the hand leaves open": ("look_up", scaled("alone", 0.5)),
