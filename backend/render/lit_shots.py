@@ -176,7 +176,9 @@ def mirror_to(side: Side, of: Side) -> np.ndarray:
 
 def say_overflow() -> None:
     """Warn that stages render a frame that was to be rendered at once."""
-    LOGGER.warning("a GPU's lists hold fewer edges or layers, or its memory is full; stages render this frame")
+    LOGGER.warning(
+        "a GPU's lists hold fewer edges or layers, its memory is full, or it failed; stages render this frame"
+    )
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from ..records.errors import LiveHandError
 from ..records.frame import Frame
 from ..records.render_hooks import OnStage
 from ..records.shot import Shot, SurfaceMesh
-from .backends import choose_backend
+from .backends import choose_backend, gpu_renderer
 from .baked import BakedPipeline
 from .device import rendering_device
 from .progress import RenderProgress
@@ -37,7 +37,7 @@ class Renderer:
     Attributes:
         avatar: the trained appearance.
         hand: the model of the meshes to render, of either side.
-        device: as `rendering_device` takes it.
+        device: as `rendering_device` takes it; `cuda` needs no CUDA build of torch where Warp works.
         precision: of the networks; geometry is always fp32.
         backend: computes the costly stages; None: the best one for the device.
         has_skin_detail: whether outline, normals and detail are the skin's own, where it is known (`avatar_surface`).
@@ -60,7 +60,8 @@ class Renderer:
                 f"(sha256 {self.avatar.hand_sha256[:12]}...), got '{self.hand.name}' ({self.hand.sha256[:12]}...); "
                 "choose that hand, or an avatar of this one"
             )
-        rendering_device(self.device)
+        if self._on_gpu is None:
+            rendering_device(self.device)
 
     @torch.inference_mode()
     def render(
@@ -125,9 +126,14 @@ class Renderer:
 
     @cached_property
     def torch_device(self) -> torch.device:
-        """The device in use."""
-        return rendering_device(self.device)
+        """The device of torch's stages."""
+        return rendering_device(self.device) if self._on_gpu is None else torch.device("cpu")
 
     @cached_property
     def _backend(self) -> ReferenceBackend:
-        return self.backend or choose_backend(self.torch_device)
+        return self.backend or self._on_gpu or choose_backend(self.torch_device)
+
+    @cached_property
+    def _on_gpu(self) -> ReferenceBackend | None:
+        """What renders whole frames on a GPU, if that is asked for."""
+        return gpu_renderer() if self.device == "cuda" and self.backend is None else None
