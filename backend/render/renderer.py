@@ -26,6 +26,7 @@ from ..records.shot import Shot, SurfaceMesh
 from .backends import choose_backend, gpu_renderer
 from .baked import BakedPipeline
 from .device import rendering_device
+from .lit_shots import reason_of_avatar
 from .progress import RenderProgress
 from .relightable import RelightablePipeline
 
@@ -135,5 +136,8 @@ class Renderer:
 
     @cached_property
     def _on_gpu(self) -> ReferenceBackend | None:
-        """What renders whole frames on a GPU, if that is asked for."""
-        return gpu_renderer() if self.device == "cuda" and self.backend is None else None
+        """What renders whole frames on a GPU, if that is asked for; None: torch's stages must, and it knows the GPU."""
+        if self.device != "cuda" or self.backend is not None:
+            return None
+        by_stages = reason_of_avatar(self.avatar, self.hand) is not None or not self.has_skin_detail
+        return None if by_stages and torch.cuda.is_available() else gpu_renderer()

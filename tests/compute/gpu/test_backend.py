@@ -3,6 +3,7 @@
 import logging
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from livehand.backend.compute.gpu.backend import WarpBackend
 from livehand.backend.compute.cpu.frames_on_gpu import FramesOnGpu
 from livehand.backend.compute.gpu.lit_frame import LitFrame
 from livehand.backend.compute.reference import ReferenceBackend
+from livehand.backend.field.field import PaperField
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.render import backends
 from livehand.backend.render import renderer as renderer_module
@@ -79,6 +81,15 @@ def test_rendering_on_a_gpu_needs_no_torch_for_it(on_gpu, first):
     frame = on_gpu.render(first)
     with torch.inference_mode():
         assert np.array_equal(frame.rgb, on_gpu.pipeline.at_once(first).rgb)
+
+
+def test_an_avatar_for_stages_is_torchs_where_torch_knows_the_gpu(on_gpu, monkeypatch):
+    avatar = replace(on_gpu.avatar, field=PaperField())
+    assert isinstance(Renderer(avatar, on_gpu.hand, "cuda")._on_gpu, FramesOnGpu)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert Renderer(avatar, on_gpu.hand, "cuda").torch_device == CUDA
+    assert Renderer(on_gpu.avatar, on_gpu.hand, "cuda", has_skin_detail=False).torch_device == CUDA
+    assert Renderer(on_gpu.avatar, on_gpu.hand, "cuda").torch_device == torch.device("cpu")
 
 
 def test_what_renders_on_a_gpu_is_there_if_warp_works(monkeypatch):
