@@ -60,7 +60,7 @@ class Crop:
         K[:2] *= far
         K[0, 2] -= self.x0
         K[1, 2] -= self.y0
-        return tensors._replace(K=torch.as_tensor(K, dtype=torch.float32), size_px=(self.width, self.height))
+        return tensors._replace(K=torch.from_numpy(K.astype(np.float32)), size_px=(self.width, self.height))
 
     def paste(self, values: np.ndarray, image: np.ndarray) -> None:
         """Copy full-resolution crop values [2 height, 2 width, ...] (times `scale`) into the image, in place."""

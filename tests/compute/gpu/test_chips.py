@@ -27,7 +27,7 @@ MODULES = kernel_modules()
 BY_DAY = next(name for name in MODULES if name.endswith(".surfels"))
 MOST_REGISTERS = 168  # 384 threads at a time on a multiprocessor of 65,536
 # Of tiles on chips without room for them in fewer: 256 threads at a time, in blocks of 128.
-MOST_OF_TILES = {75: 232}
+MOST_OF_TILES = {75: 232, 120: 255}
 MOST_STACK_BYTES = 64
 # Local arrays, which cannot be registers as their places are not known ahead: a pixel's values of the maps.
 STACK_BYTES = {"add_skin": 256}
