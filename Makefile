@@ -116,7 +116,7 @@ docs: $(VENV)/docs.stamp
 zip: $(VENV)/release.stamp
 	$(VENV_PYTHON) -m livehand.tools.release.build --out dist $(RELEASE) --only
 
-# GPU_CHIPS=7.5,8.6,8.9,9.0: kernels of NVIDIA's GPUs are compiled ahead into the zips, by Warp; most of a minute and 0.6 MB a chip.
+# GPU_CHIPS=7.5,8.6,8.9,9.0,12.0: kernels of NVIDIA's GPUs are compiled ahead into the zips, by Warp; most of a minute and 0.6 MB a chip.
 GPU_CHIPS ?=
 # Zips with all packages for Windows, macOS and Linux, each for two Pythons, and the repository that lists them, in
 # dist/release; the one for this system and Python is installed, and a frame rendered. WEBSITE goes into the manifests.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Literal, get_args
@@ -25,6 +26,7 @@ AVATAR_HELP = f"avatar file, or an avatar that ships with LiveHand: {', '.join(S
 """Help text of the option `--avatar`."""
 
 
+@cache
 def shipped_avatar_path(skin: Shipped = "light") -> Path:
     """Return the file of the avatar of this name."""
     return Path(str(resources.files(str(__package__)))) / DEFAULT_HAND / f"{skin}.safetensors"

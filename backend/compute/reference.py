@@ -21,6 +21,7 @@ from ..field.volume import Composite
 from ..geometry.local_rotation import local_rotations
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.lbs import skin_motion
+from ..image.crop import hand_extent
 from ..image.edge_avoiding_filter import edge_avoiding_mean
 from ..image.shading import (
     ShadingInputs,
@@ -41,8 +42,8 @@ from ..surface.detail_mesh import detail_mesh, visible_surface
 from ..surface.edge_antialiasing import blended
 from ..surface.ray_hits import ray_hits
 from ..surface.shading_detail import detailed_image
-from .lit_frames import FrameModel, LitFrameRenderer
 from .precision import Precision, autocast, decoder_in_precision, in_precision
+from .whole_frames import BakedFrameRenderer, BakedModel, LitFrameRenderer, LitModel
 
 RayRenderer = Callable[[HandInView, FrameConditions, RenderHooks], RenderedRays]
 """Renders the low-resolution rays of one field, without gradients; what `RenderHooks.before_chunk` raises ends it."""
@@ -56,14 +57,15 @@ class ReferenceBackend:
 
     Attributes:
         frames_at_once: of a sequence, in threads that share the processor, where one by one would take longer.
-        renders_lit_frames: whether it renders whole lit frames at once, and not only stage by stage.
+        renders_whole_frames: whether it renders whole frames at once, and not only stage by stage.
     """
 
     frames_at_once = 1
-    renders_lit_frames = False
+    renders_whole_frames = False
 
     skin_motion = staticmethod(skin_motion)
     posed_mesh = staticmethod(posed_mesh)
+    hand_extent = staticmethod(hand_extent)
     local_rotations = staticmethod(local_rotations)
 
     first_hit = staticmethod(first_hit)
@@ -92,8 +94,12 @@ class ReferenceBackend:
     detailed_image = staticmethod(detailed_image)
     blended = staticmethod(blended)
 
-    def lit_frames(self, model: FrameModel) -> LitFrameRenderer:
-        """Return what renders whole lit frames of a model, if `renders_lit_frames`."""
+    def lit_frames(self, model: LitModel) -> LitFrameRenderer:
+        """Return what renders whole lit frames of a model, if `renders_whole_frames`."""
+        raise NotImplementedError
+
+    def baked_frames(self, model: BakedModel) -> BakedFrameRenderer:
+        """Return what renders whole frames in a capture's light, if `renders_whole_frames`."""
         raise NotImplementedError
 
     @staticmethod

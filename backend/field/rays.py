@@ -97,11 +97,11 @@ def camera_tensors(camera: Camera, device: torch.device | str) -> CameraTensors:
     the frame needs.
     """
     rotation, centre = camera.cam2world[:3, :3], camera.cam2world[:3, 3]
-    world2cam = np.eye(4)
+    world2cam = np.eye(4, dtype=np.float32)
     world2cam[:3, :3], world2cam[:3, 3] = rotation.T, -(rotation.T * centre).sum(1)
     return CameraTensors(
-        K=torch.as_tensor(camera.K, dtype=torch.float32, device=device),
-        world2cam=torch.as_tensor(world2cam, dtype=torch.float32, device=device),
+        K=torch.from_numpy(np.array(camera.K, np.float32)).to(device),
+        world2cam=torch.from_numpy(world2cam).to(device),
         size_px=camera.size_px,
         is_orthographic=camera.is_orthographic,
     )

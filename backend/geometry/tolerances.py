@@ -15,6 +15,9 @@ MAX_STEPS = 4
 LANES = 16
 """Neighbouring faces tried at once: one vector register of the widest processors."""
 
+TRANSPARENT = 1 / 256
+"""A ray on which less light is left (one 8-bit level) ends; if it is to end opaque, its samples then count for all."""
+
 LEAST_SQUARED = 0.1
 """A light nearer than the mesh's own radius is given this squared sine; its map no longer holds all of the mesh."""
 

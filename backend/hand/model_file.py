@@ -31,6 +31,7 @@ DEFAULT_HAND = "hand_with_arm"
 """The name of the hand that ships, which new scenes, captures and commands get."""
 
 
+@cache
 def builtin_hand_path() -> Path:
     """Return the file of the hand that ships."""
     return Path(str(resources.files(str(__package__)) / f"{DEFAULT_HAND}.npz"))

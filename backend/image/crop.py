@@ -7,13 +7,16 @@ border too if the hand does, so that super-resolution never sees an artificial e
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from ..field.rays import CameraTensors, camera_tensors, project
 from ..field.sampler import SamplerConfig
-from ..geometry.mesh import PosedMesh
+from ..geometry.mesh import PosedMesh, Topology, mean_edge_length
 from ..geometry.tolerances import NEAR_M
 from ..records.camera import Camera
 
@@ -51,11 +54,13 @@ class Crop:
         """Return the low-resolution camera of the crop."""
         return camera.scaled(1 / self.scale).cropped(self.x0, self.y0, (self.width, self.height))
 
-    def tensors_of(self, camera: Camera) -> CameraTensors:
-        """Return `camera_of` as the CPU's tensors, of a camera that is known to be one."""
-        tensors, shift = camera_tensors(camera, "cpu"), np.array([[0, 0, self.x0], [0, 0, self.y0], [0, 0, 0.0]])
-        K = np.array([[1 / self.scale], [1 / self.scale], [1.0]]) * camera.K - shift
-        return tensors._replace(K=torch.as_tensor(K, dtype=torch.float32), size_px=(self.width, self.height))
+    def tensors_of(self, camera: Camera, tensors: CameraTensors) -> CameraTensors:
+        """Return `camera_of` as the CPU's tensors; `tensors` are the camera's own."""
+        K, far = np.array(camera.K, np.float64), 1 / self.scale
+        K[:2] *= far
+        K[0, 2] -= self.x0
+        K[1, 2] -= self.y0
+        return tensors._replace(K=torch.from_numpy(K.astype(np.float32)), size_px=(self.width, self.height))
 
     def paste(self, values: np.ndarray, image: np.ndarray) -> None:
         """Copy full-resolution crop values [2 height, 2 width, ...] (times `scale`) into the image, in place."""
@@ -92,6 +97,47 @@ def crop_of(mesh: PosedMesh, camera: Camera, config: SamplerConfig, scale: int =
     return hand_crop(positions_px.cpu().numpy(), depth.cpu().numpy(), reach_px.cpu().numpy(), camera.size_px, scale)
 
 
+class HandExtent(NamedTuple):
+    """How large a posed hand is, and where an image shows it.
+
+    Attributes:
+        scale: against its template.
+        centre: [3] mean of its vertices, m, world.
+        radius: of the sphere about that which holds them, m.
+        first: [2] least column and row that it reaches with its shell, px; None: nothing of it is before the camera.
+        last: [2] and the largest.
+    """
+
+    scale: float
+    centre: np.ndarray
+    radius: float
+    first: np.ndarray | None
+    last: np.ndarray
+
+    def crop(self, size_px: tuple[int, int], scale: int) -> Crop | None:
+        """Find its crop in an image of this size, as `crop_of`; None if nothing of it is in view."""
+        if self.first is None:
+            return None
+        return _crop_between(np.floor(self.first / scale), np.ceil(self.last / scale), size_px, scale)
+
+
+def hand_extent(
+    topology: Topology, vertices: Float[Tensor, "V 3"], camera: CameraTensors, shell_m: float
+) -> HandExtent:
+    """Measure a posed hand; `shell_m` is the half-width of its shell, template metres."""
+    scale = mean_edge_length(vertices, topology.edges) / topology.edge_length_m
+    centre = vertices.mean(0)
+    radius = float((vertices - centre).norm(dim=-1).amax())
+    positions_px, depth = project(camera, vertices)
+    reach_px = (camera.K.diagonal()[:2].abs().amax() * shell_m * scale / camera.divisor(depth))[:, None]
+    is_before = depth > NEAR_M
+    if not is_before.any():
+        return HandExtent(float(scale), centre.numpy(), radius, None, np.zeros(2))
+    positions_px, reach_px = positions_px[is_before], reach_px[is_before]
+    first, last = (positions_px - reach_px).amin(0), (positions_px + reach_px).amax(0)
+    return HandExtent(float(scale), centre.numpy(), radius, first.numpy(), last.numpy())
+
+
 def hand_crop(
     positions_px: np.ndarray, depth: np.ndarray, reach_px: np.ndarray, size_px: tuple[int, int], scale: int = 2
 ) -> Crop | None:
@@ -102,14 +148,18 @@ def hand_crop(
             return None
         positions_px, reach_px = positions_px[in_front], reach_px[in_front]
     low, reach = np.ascontiguousarray(positions_px.T) / scale, reach_px / scale
-    limit = (np.array(size_px) + scale - 1) // scale
-    first = np.maximum(np.floor((low - reach).min(1)), 0)
-    last = np.minimum(np.ceil((low + reach).max(1)), limit)
-    if (last <= first).any():
+    return _crop_between(np.floor((low - reach).min(1)), np.ceil((low + reach).max(1)), size_px, scale)
+
+
+def _crop_between(first: np.ndarray, last: np.ndarray, size_px: tuple[int, int], scale: int) -> Crop | None:
+    """Find the crop from the first low-resolution column and row to the last, those before and behind included."""
+    (x0, y0), (x1, y1) = first.tolist(), last.tolist()
+    x0, y0 = max(int(x0), 0), max(int(y0), 0)
+    x1, y1 = (min(int(end), (size + scale - 1) // scale) for end, size in zip((x1, y1), size_px, strict=True))
+    if x1 <= x0 or y1 <= y0:
         return None
-    first, last = first.astype(int) - MARGIN_PX, last.astype(int) + MARGIN_PX
-    width, height = (-(-(last - first) // BUCKET_PX) * BUCKET_PX).tolist()
-    return Crop(int(first[0]), int(first[1]), width, height, scale)
+    width, height = (-(-(end + 2 * MARGIN_PX) // BUCKET_PX) * BUCKET_PX for end in (x1 - x0, y1 - y0))
+    return Crop(x0 - MARGIN_PX, y0 - MARGIN_PX, width, height, scale)
 
 
 def _overlap_1d(start: int, length: int, limit: int) -> tuple[slice, slice]:

@@ -43,7 +43,7 @@ class _Images:
         return [sys.getrefcount(array) for array in self.arrays]
 
     def show(self, pixels: Sequence[np.ndarray], crop: Crop) -> None:
-        """Paste a crop's pixels in place of what was shown."""
+        """Paste a crop's pixels, of which arrays may have more rows and columns, in place of what was shown."""
         window = crop.overlap(self.size_px[::-1])
         for array, values, empty in zip(self.arrays, pixels, _EMPTY, strict=True):
             for beside in _beside(self._window, window[:2]):

@@ -17,13 +17,19 @@ from .crop import MARGIN_PX, Crop
 
 def depth_profile(rays: RenderedRays, crop: Crop, size_px: tuple[int, int]) -> DepthProfile:
     """Return the depth profile of rays at half the image's size."""
-    in_crop, (width, height) = np.full(crop.height * crop.width, -1, np.int32), size_px
+    in_crop = np.full(crop.height * crop.width, -1, np.int32)
     in_crop[rays.pixel.cpu().numpy()] = np.arange(len(rays.pixel), dtype=np.int32)
-    row = np.full(((height + 1) // 2, (width + 1) // 2), -1, np.int32)
-    crop.paste_low_resolution(in_crop.reshape(crop.height, crop.width), row)
-    row = row.repeat(2, 0).repeat(2, 1)[:height, :width]
+    row = rows_of_image(in_crop.reshape(crop.height, crop.width), crop, size_px)
     arrays = (values.float().cpu().numpy() for values in (rays.t, rays.dt, rays.composite.weights))
     return DepthProfile(row, *arrays, ray_px=2)
+
+
+def rows_of_image(in_crop: Int[np.ndarray, "h w"], crop: Crop, size_px: tuple[int, int]) -> np.ndarray:
+    """Find the rays [H, W] through the pixels of an image from those of a crop at half its size, -1 for none."""
+    width, height = size_px
+    row = np.full(((height + 1) // 2, (width + 1) // 2), -1, np.int32)
+    crop.paste_low_resolution(in_crop, row)
+    return row.repeat(2, 0).repeat(2, 1)[:height, :width]
 
 
 def ray_of_pixel(pixel: Int[Tensor, " R"], count: int) -> Int[Tensor, " P"]:

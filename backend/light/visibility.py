@@ -20,9 +20,9 @@ from ..geometry.rasterise import rasterise
 DIRECTIONS = 32
 MAP_PX = 64
 # A blocker shadows a vertex if it lies farther than this before the point lifted off the vertex; template metres.
-_BIAS_M = 0.003
+BIAS_M = 0.003
 # Distance of the map's camera in mesh radii: so large that 1/z, which `rasterise` interpolates, is linear.
-_STAND_OFF = 20.0
+STAND_OFF = 20.0
 
 LitShare = Callable[["ShadowMapPoints", Topology], Tensor]
 """(points, topology) -> [K, V] the share of nearby map pixels in which a vertex is lit."""
@@ -56,7 +56,7 @@ def visibility_transfer(mesh: PosedMesh, topology: Topology, lit_share: LitShare
     """
     frames = direction_frames(DIRECTIONS, mesh.vertices.device)
     centre = mesh.vertices.mean(0)
-    bias = _BIAS_M * mesh.scale
+    bias = BIAS_M * mesh.scale
     radius = (mesh.vertices - centre).norm(dim=-1).amax() + 2 * bias
     positions = _in_frames(mesh.vertices - centre, frames) / radius
     lifted = _in_frames(mesh.vertices + bias * mesh.normals - centre, frames) / radius
@@ -113,4 +113,4 @@ def _map_px(positions: Float[Tensor, "K V 3"]) -> Float[Tensor, "K V 2"]:
 
 
 def _depth(positions: Float[Tensor, "K V 3"]) -> Float[Tensor, "K V"]:
-    return _STAND_OFF - positions[..., 2]
+    return STAND_OFF - positions[..., 2]

@@ -31,6 +31,15 @@ def choose_backend(device: torch.device) -> ReferenceBackend:
     return NumbaBackend() if device.type == "cpu" else CudaBackend(NumbaBackend())
 
 
+def gpu_renderer() -> ReferenceBackend | None:
+    """Return what renders on an NVIDIA GPU whatever torch there is; None: Warp is not installed or does not work."""
+    if not (has_numba() and has_warp()):
+        return None
+    from ..compute.cpu.frames_on_gpu import FramesOnGpu
+
+    return FramesOnGpu("cuda:0")
+
+
 @cache
 def has_numba() -> bool:
     """Return whether numba can be imported. It refuses a numpy newer than it knows; torch alone still renders then."""

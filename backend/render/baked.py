@@ -12,17 +12,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
 from torch import Tensor
 
 from ..compute.precision import Precision
+from ..compute.whole_frames import BakedFrameRenderer, BakedModel, BakedShot
 from ..field.conditions import FrameConditions
-from ..field.field import MlpField
+from ..field.field import BakedField, MlpField
 from ..field.sampler import SamplerConfig
 from ..hand.posed_bones import bone_frames, check_on_pose
 from ..image.decode import decode_frame
-from ..image.maps import depth_profile, image_of
+from ..image.maps import depth_profile, image_of, rows_of_image
+from ..image.superres import ResidualSuperRes
+from ..records.depth_profile import DepthProfile
 from ..records.frame import Frame, empty_frame
 from ..records.shot import Shot, SurfaceMesh
+from ..records.side import Side
+from .lit_shots import ShotsAtOnce, reason_of_avatar, say_overflow
 from .pipeline import Pipeline, PosedShot
 from .progress import RenderProgress
 
@@ -41,6 +47,9 @@ class BakedPipeline(Pipeline):
     def render(self, shot: Shot, progress: RenderProgress) -> Frame:
         """Render a frame; raises what `Renderer.render` raises."""
         progress.begin("pose")
+        frame = self.at_once(shot)
+        if frame is not None:
+            return frame
         posed = self.posed(shot)
         if posed is None:
             return empty_frame(shot.camera.size_px)
@@ -55,6 +64,22 @@ class BakedPipeline(Pipeline):
             progress.begin("decode")
             frame = decode_frame(image.float(), depth, crop, shot.camera.size_px)
             return replace(frame, profile=depth_profile(rays, crop, shot.camera.size_px)) if crop.scale == 2 else frame
+
+    @property
+    def renders_at_once(self) -> bool:
+        """As in `HandRenderer`."""
+        return self._shots is not None
+
+    def at_once(self, shot: Shot) -> Frame | None:
+        """Render a frame as one; None: stages must render it, because its camera is orthographic or as a warning says.
+
+        Raises:
+            LiveHandError: the shot's mesh is not of this hand model.
+        """
+        if self._shots is None or shot.camera.is_orthographic:
+            return None
+        self.topology_of(shot)
+        return self._shots.render(shot)
 
     def field_conditions(self, posed: PosedShot) -> FrameConditions:
         """Return the field's conditions for the pose: its own shadows, and its bones if the field asks for them.
@@ -84,6 +109,53 @@ class BakedPipeline(Pipeline):
         return self._networks[precision]
 
     @cached_property
+    def _shots(self) -> BakedShots | None:
+        """What renders frames at once; None: `reason_of_avatar` says why not, or the backend cannot."""
+        if not self.backend.renders_whole_frames or reason_of_avatar(self.avatar, self.hand) is not None:
+            return None
+        return BakedShots(self.avatar, self.hand, self.backend)
+
+    @cached_property
     def _networks(self) -> dict[Precision, Callable[[Tensor], Tensor]]:
         """In the precisions that have been asked for."""
+        return {}
+
+
+@dataclass(frozen=True)
+class BakedShots(ShotsAtOnce):
+    """Renders shots of one avatar in its capture's light by a backend's whole frames."""
+
+    def render(self, shot: Shot) -> Frame | None:
+        """Render a shot; None: it has more of something than there is room for."""
+        with self._lock:  # a frame's pixels are valid until the next
+            return self._rendered(shot)
+
+    def _rendered(self, shot: Shot) -> Frame | None:
+        of_hand = self.in_crop(shot)
+        if of_hand is None:
+            return empty_frame(shot.camera.size_px)
+        given = of_hand.vertices.numpy(), self.joint_pose(shot.pose), of_hand.camera, of_hand.window_px
+        found = self._renderer(shot.pose.side).render(BakedShot(*given, of_hand.scale, of_hand.bounds))
+        if found is None:
+            say_overflow()
+            return None
+        pixels, (row, *of_rays) = found
+        frame = self.images.frame(pixels, of_hand.crop, shot.camera.size_px, is_lit=False)
+        profile = DepthProfile(
+            rows_of_image(row, of_hand.shared, shot.camera.size_px), *map(np.array, of_rays), ray_px=2
+        )
+        return replace(frame, profile=profile)
+
+    def _renderer(self, side: Side) -> BakedFrameRenderer:
+        if side not in self._renderers:
+            planes, superres = self.avatar.field, self.avatar.superres
+            assert isinstance(planes, BakedField)
+            assert isinstance(superres, ResidualSuperRes)
+            sampler = self.avatar.config.sampler
+            model = BakedModel(planes, superres, self.topology(side), self.skinning, sampler)
+            self._renderers[side] = self.backend.baked_frames(model)
+        return self._renderers[side]
+
+    @cached_property
+    def _renderers(self) -> dict[Side, BakedFrameRenderer]:
         return {}

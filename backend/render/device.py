@@ -28,7 +28,8 @@ def torch_device(name: str) -> torch.device:
         return torch.device("cuda" if has_cuda else "cpu")
     if name == "cuda" and not has_cuda:
         raise LiveHandError(
-            "device 'cuda' needs a CUDA GPU and a CUDA build of torch, got neither; use 'auto' or 'cpu'"
+            "device 'cuda' needs a CUDA GPU, and a CUDA build of torch or, to render, NVIDIA Warp; "
+            "got neither; use 'auto' or 'cpu'"
         )
     if name == "mps" and not torch.backends.mps.is_available():
         raise LiveHandError("device 'mps' needs a Mac with Apple silicon, got none; use 'auto' or 'cpu'")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from itertools import chain
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -13,6 +14,8 @@ from ..hand.model import HandModel
 from ..image.grade import Grade
 from ..records.frame import Frame
 from ..records.shot import Shot, SurfaceMesh
+
+_PLAIN = str, int, float, bool, type(Path())
 
 ExposureFrames = tuple[Frame, ...]
 """What one exposure sample shows: a frame per hand, each as if alone."""
@@ -148,4 +151,6 @@ def is_equal(one: Any, other: Any) -> bool:
         return type(one) is type(other) and all(
             is_equal(getattr(one, field.name), getattr(other, field.name)) for field in fields(one)
         )
+    if type(one) in _PLAIN and type(other) in _PLAIN:  # there are many, of which numpy would make arrays
+        return one == other
     return np.array_equal(one, other)

@@ -1,6 +1,7 @@
 """The short road of a frame: a shot becomes what a backend renders at once, and its pixels a frame.
 
-It shows what `RelightablePipeline` does stage by stage, which takes over where it is asked for more.
+It shows what pipelines do stage by stage, which take over where it is asked for more. `baked.BakedShots` are the same
+for avatars in the light of their capture.
 """
 
 from __future__ import annotations
@@ -8,27 +9,29 @@ from __future__ import annotations
 import logging
 import threading
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ..avatars.avatar import Avatar
-from ..compute.lit_frames import FrameModel, LitFrameRenderer, LitShot
 from ..compute.reference import ReferenceBackend
-from ..field.conditions import joint_pose
+from ..compute.whole_frames import LitFrameRenderer, LitModel, LitShot
+from ..field.field import BakedField, PlaneField
+from ..field.rays import CameraTensors, camera_tensors
 from ..field.relightable import RelightableField
-from ..geometry.mesh import PosedMesh
+from ..geometry.mesh import Topology
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.topology import Skinning, topology_of
-from ..image.crop import Crop, crop_of
+from ..image.crop import Crop
 from ..image.kept_images import KeptImages
-from ..image.superres import RelightableSuperRes
+from ..image.superres import RelightableSuperRes, ResidualSuperRes
 from ..light.indirect_diffuse import MOST_SURFELS
 from ..light.kept_samples import KeptPatches, KeptSamples
-from ..light.lamp_samples import LampSamples
+from ..light.lamp_samples import HARD_RAD, LampSamples
 from ..light.shadow_maps import Bounds
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light
@@ -61,8 +64,12 @@ def reason_for_stages(shot: Shot) -> str | None:
 
 def reason_of_avatar(avatar: Avatar, hand: HandModel) -> str | None:
     """Say, as `reason_for_stages`, what of an avatar only stages know."""
-    if not isinstance(avatar.field, RelightableField):
-        return "its avatar has its capture's light baked in"
+    if not isinstance(avatar.field, PlaneField):
+        return "its avatar's field is a network alone"
+    if not isinstance(avatar.superres, ResidualSuperRes):
+        return "its avatar enlarges its rays in another way"
+    if isinstance(avatar.field, BakedField):
+        return None
     if avatar.surface is None:
         return "its avatar has no surface of its own"
     if len(hand.v_template) > MOST_SURFELS:
@@ -70,30 +77,127 @@ def reason_of_avatar(avatar: Avatar, hand: HandModel) -> str | None:
     return None
 
 
-@dataclass(frozen=True)
-class LitShots:
-    """Renders shots of one avatar by a backend's whole frames.
+class HandInCrop(NamedTuple):
+    """A shot's hand on the host, and where its image is.
 
     Attributes:
-        avatar: relightable, with a surface.
+        vertices: [V, 3] m, world.
+        scale: against its template.
+        bounds: of its vertices.
+        crop: of the image, of a size that many frames share.
+        shared: the crop, enlarged so that many frames have its size.
+        camera: of the rays of that.
+    """
+
+    vertices: Tensor
+    scale: float
+    bounds: Bounds
+    crop: Crop
+    shared: Crop
+    camera: CameraTensors
+
+    @property
+    def window_px(self) -> tuple[int, int]:
+        """Columns and rows of rays that hold the hand."""
+        return self.crop.width, self.crop.height
+
+
+@dataclass(frozen=True)
+class ShotsAtOnce:
+    """What shots of every avatar have to become on the host.
+
+    Attributes:
+        avatar: of fields of planes.
         hand: of its meshes.
-        surface: the avatar's, on the host.
-        backend: renders.
+        backend: renders whole frames.
     """
 
     avatar: Avatar
     hand: HandModel
-    surface: AvatarSurface
     backend: ReferenceBackend
     _lock: AbstractContextManager = field(default_factory=threading.Lock, compare=False, repr=False)
+
+    def in_crop(self, shot: Shot) -> HandInCrop | None:
+        """Find a shot's crop; None: nothing of the hand is in view."""
+        topology, config = self.topology(shot.pose.side), self.avatar.config
+        vertices = torch.from_numpy(np.ascontiguousarray(shot.vertices, np.float32))
+        tensors = camera_tensors(shot.camera, "cpu")
+        extent = self._of_host.hand_extent(topology, vertices, tensors, config.sampler.shell_m)
+        crop = extent.crop(shot.camera.size_px, config.superres.scale)
+        if crop is None:
+            return None
+        width, height = (-(-size // BUCKET_PX) * BUCKET_PX for size in (crop.width, crop.height))
+        bounds = Bounds(torch.from_numpy(extent.centre), torch.tensor(extent.radius))
+        shared = Crop(crop.x0, crop.y0, width, height, crop.scale)
+        return HandInCrop(vertices, extent.scale, bounds, crop, shared, shared.tensors_of(shot.camera, tensors))
+
+    def joint_pose(self, pose: HandPose) -> np.ndarray:
+        """Return what the field is told of a pose, as `field.conditions.joint_pose`."""
+        fingers, parents = pose.theta * mirror_to(self.hand.side, pose.side), self._parents
+        fingers[0] = 0
+        of_child = np.zeros_like(fingers)
+        np.add.at(of_child, parents[1:], fingers[1:])
+        of_child[0] = 0
+        return np.concatenate([fingers, fingers[parents], of_child], -1)
+
+    def topology(self, side: Side) -> Topology:
+        """Return that of a side's mesh."""
+        if side not in self._topologies:
+            self._topologies[side] = topology_of(self.hand.for_side(side), "cpu", self.hand.side)
+        return self._topologies[side]
+
+    @cached_property
+    def skinning(self) -> Skinning:
+        """Of the hand."""
+        return Skinning.of(self.hand)
+
+    @cached_property
+    def _parents(self) -> np.ndarray:
+        return self.skinning.parents.clamp(min=0).numpy()
+
+    @cached_property
+    def images(self) -> KeptImages:
+        """Memory of the frames."""
+        return KeptImages()
+
+    @cached_property
+    def _of_host(self) -> ReferenceBackend:
+        return choose_backend(torch.device("cpu"))
+
+    @cached_property
+    def _topologies(self) -> dict[Side, Topology]:
+        return {}
+
+
+def mirror_to(side: Side, of: Side) -> np.ndarray:
+    """Return the factors of rotations that turn the pose of a hand into that of one of another side."""
+    return np.ones(3) if side == of else MIRROR_AXIS_ANGLE
+
+
+def say_overflow() -> None:
+    """Warn that stages render a frame that was to be rendered at once."""
+    LOGGER.warning(
+        "a GPU's lists hold fewer edges or layers, its memory is full, or it failed; stages render this frame"
+    )
+
+
+@dataclass(frozen=True)
+class LitShots(ShotsAtOnce):
+    """Renders shots of one relightable avatar by a backend's whole frames.
+
+    Attributes:
+        surface: the avatar's, on the host.
+    """
+
+    surface: AvatarSurface = field(kw_only=True)
 
     @classmethod
     def of(cls, avatar: Avatar, hand: HandModel, backend: ReferenceBackend) -> LitShots | None:
         """Prepare an avatar; None: `reason_of_avatar` says why not, or the backend renders no whole frames."""
-        if not backend.renders_lit_frames or reason_of_avatar(avatar, hand) is not None:
+        if not backend.renders_whole_frames or reason_of_avatar(avatar, hand) is not None:
             return None
         surface = avatar_surface_of(avatar, torch.device("cpu"))
-        return None if surface is None else cls(avatar, hand, surface, backend)
+        return None if surface is None else cls(avatar, hand, backend, surface=surface)
 
     def render(self, shot: Shot, light: Light) -> Frame | None:
         """Render a shot in a light; None: it has more of something than there is room for."""
@@ -101,74 +205,62 @@ class LitShots:
             return self._rendered(shot, light)
 
     def _rendered(self, shot: Shot, light: Light) -> Frame | None:
-        topology = self._model(shot.pose.side).topology
-        mesh = self._of_host.posed_mesh(topology, torch.as_tensor(np.asarray(shot.vertices), dtype=torch.float32))
-        crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, self.avatar.config.superres.scale)
-        if crop is None:
+        of_hand = self.in_crop(shot)
+        if of_hand is None:
             return empty_frame(shot.camera.size_px)
-        window_px = crop.width, crop.height
-        width, height = (-(-size // BUCKET_PX) * BUCKET_PX for size in window_px)
-        crop = replace(crop, width=width, height=height)
-        pixels = self._renderer(shot.pose.side).render(self._lit_shot(shot, light, mesh, crop, window_px))
+        pixels = self._renderer(shot.pose.side).render(self._lit_shot(shot, light, of_hand))
         if pixels is None:
-            LOGGER.warning("a GPU's lists hold fewer edges or layers, or its memory is full; stages render this frame")
+            say_overflow()
             return None
-        return self._images.frame(pixels, crop, shot.camera.size_px, shot.light is not None)
+        return self.images.frame(pixels, of_hand.crop, shot.camera.size_px, shot.light is not None)
 
-    def _lit_shot(self, shot: Shot, light: Light, mesh: PosedMesh, crop: Crop, window_px: tuple[int, int]) -> LitShot:
-        model, pose, bounds = self._model(shot.pose.side), shot.pose, Bounds.of(mesh)
+    def _lit_shot(self, shot: Shot, light: Light, of_hand: HandInCrop) -> LitShot:
+        model, pose, bounds = self._model(shot.pose.side), shot.pose, of_hand.bounds
         samples, is_fine = self._light.samples(light, bounds), light.shadow_quality == "fine"
-        theta, forearm = (values * self._mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
+        theta, forearm = (values * mirror_to("right", pose.side) for values in (pose.theta, pose.forearm))
         pressed = None if shot.pressed_m is None else Blanching.of(shot.pressed_m, model.template).both.numpy()
         return LitShot(
             pose=pose,
-            vertices=mesh.vertices.numpy(),
-            joint_pose=self._joint_pose(pose).numpy(),
-            height_m=1e-3 * self.surface.surface.raised.height_mm(theta, self.surface.veins_mm, forearm),
+            vertices=of_hand.vertices.numpy(),
+            joint_pose=self.joint_pose(pose),
+            raised_shares=self.surface.surface.raised.shares(theta, forearm),
             flex=self.surface.bend.flex(theta),
-            camera=crop.tensors_of(shot.camera),
-            window_px=window_px,
-            scale=float(mesh.scale),
+            camera=of_hand.camera,
+            window_px=of_hand.window_px,
+            scale=of_hand.scale,
             bounds=bounds,
             light=samples,
+            is_hard=(2 * samples.lamps.radius_rad.numpy() < HARD_RAD)[samples.lamps.lamp.numpy()],
             at_surfels=LampSamples.of(light.lamps, bounds) if is_fine else samples.lamps,
             has_fine_shadows=is_fine,
             occluders=np.asarray(light.occluders, np.float32),
-            patches=self._patches.around(light, mesh.vertices),
+            patches=self._patches.around(light, of_hand.vertices),
             hairs=round(shot.hair * len(model.hairs.radius_m)) if shot.hair > 0 else 0,
             pressed=pressed,
         )
-
-    def _joint_pose(self, pose: HandPose) -> Tensor:
-        theta = pose.theta * self._mirror_to(self.hand.side, pose.side)
-        skinning = self._model(pose.side).skinning
-        return joint_pose(torch.as_tensor(theta, dtype=torch.float32), skinning.parents)
-
-    @staticmethod
-    def _mirror_to(side: Side, of: Side) -> np.ndarray:
-        return np.ones(3) if side == of else MIRROR_AXIS_ANGLE
 
     def _renderer(self, side: Side) -> LitFrameRenderer:
         if side not in self._renderers:
             self._renderers[side] = self.backend.lit_frames(self._model(side))
         return self._renderers[side]
 
-    def _model(self, side: Side) -> FrameModel:
+    def _model(self, side: Side) -> LitModel:
         if side not in self._models:
             self._models[side] = self._model_of(side)
         return self._models[side]
 
-    def _model_of(self, side: Side) -> FrameModel:
+    def _model_of(self, side: Side) -> LitModel:
         model, config = self.hand.for_side(side), self.avatar.config
         planes, superres = self.avatar.field, self.avatar.superres
         assert isinstance(planes, RelightableField)
         assert isinstance(superres, RelightableSuperRes)
-        return FrameModel(
+        return LitModel(
             field=planes,
             superres=superres,
-            topology=topology_of(model, "cpu", self.hand.side),
-            skinning=Skinning.of(self.hand),
+            topology=self.topology(side),
+            skinning=self.skinning,
             template=DetailTemplate.of(self.surface.surface, model),
+            raised=self.surface.surface.raised.parts_of_vertices(self.surface.veins_mm),
             maps=self.surface.maps_of(side),
             joint_blood=self.surface.joint_blood,
             albedo=torch.as_tensor(vertex_albedo(self.avatar, self.hand), dtype=torch.float32),
@@ -180,17 +272,9 @@ class LitShots:
         )
 
     @cached_property
-    def _of_host(self) -> ReferenceBackend:
-        return choose_backend(torch.device("cpu"))
-
-    @cached_property
     def _hairs(self) -> Hairs:
         """Of either hand."""
         return hairs_on(self.surface, self._model("right").template)
-
-    @cached_property
-    def _images(self) -> KeptImages:
-        return KeptImages()
 
     @cached_property
     def _light(self) -> KeptSamples:
@@ -201,7 +285,7 @@ class LitShots:
         return KeptPatches()
 
     @cached_property
-    def _models(self) -> dict[Side, FrameModel]:
+    def _models(self) -> dict[Side, LitModel]:
         return {}
 
     @cached_property

@@ -23,9 +23,10 @@ from ..records.errors import LiveHandError
 from ..records.frame import Frame
 from ..records.render_hooks import OnStage
 from ..records.shot import Shot, SurfaceMesh
-from .backends import choose_backend
+from .backends import choose_backend, gpu_renderer
 from .baked import BakedPipeline
 from .device import rendering_device
+from .lit_shots import reason_of_avatar
 from .progress import RenderProgress
 from .relightable import RelightablePipeline
 
@@ -37,7 +38,7 @@ class Renderer:
     Attributes:
         avatar: the trained appearance.
         hand: the model of the meshes to render, of either side.
-        device: as `rendering_device` takes it.
+        device: as `rendering_device` takes it; `cuda` needs no CUDA build of torch where Warp works.
         precision: of the networks; geometry is always fp32.
         backend: computes the costly stages; None: the best one for the device.
         has_skin_detail: whether outline, normals and detail are the skin's own, where it is known (`avatar_surface`).
@@ -60,7 +61,8 @@ class Renderer:
                 f"(sha256 {self.avatar.hand_sha256[:12]}...), got '{self.hand.name}' ({self.hand.sha256[:12]}...); "
                 "choose that hand, or an avatar of this one"
             )
-        rendering_device(self.device)
+        if self._on_gpu is None:
+            rendering_device(self.device)
 
     @torch.inference_mode()
     def render(
@@ -125,9 +127,17 @@ class Renderer:
 
     @cached_property
     def torch_device(self) -> torch.device:
-        """The device in use."""
-        return rendering_device(self.device)
+        """The device of torch's stages."""
+        return rendering_device(self.device) if self._on_gpu is None else torch.device("cpu")
 
     @cached_property
     def _backend(self) -> ReferenceBackend:
-        return self.backend or choose_backend(self.torch_device)
+        return self.backend or self._on_gpu or choose_backend(self.torch_device)
+
+    @cached_property
+    def _on_gpu(self) -> ReferenceBackend | None:
+        """What renders whole frames on a GPU, if that is asked for; None: torch's stages must, and it knows the GPU."""
+        if self.device != "cuda" or self.backend is not None:
+            return None
+        by_stages = reason_of_avatar(self.avatar, self.hand) is not None or not self.has_skin_detail
+        return None if by_stages and torch.cuda.is_available() else gpu_renderer()

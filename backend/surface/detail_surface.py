@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,14 +47,37 @@ class PoseForm:
         """Whether it shows where a joint is lifted, as extensor tendons do."""
         return self.full_deg < self.start_deg
 
+    def share(self, flexion_deg: Degrees) -> float:
+        """Compute the share of the full height, in [0, 1]."""
+        return float(_risen(*map(np.atleast_1d, (flexion_deg, self.start_deg, self.full_deg)))[0])
+
     def scaled(self, factor: float) -> PoseForm:
         """Return the form so many times as high."""
         return replace(self, height_mm=self.height_mm * np.float32(factor))
 
-    def share(self, flexion_deg: Degrees) -> float:
-        """Compute the share of the full height, in [0, 1]."""
-        bent = min(max((flexion_deg - self.start_deg) / (self.full_deg - self.start_deg), 0.0), 1.0)
-        return bent * bent * (3 - 2 * bent)
+
+def _risen(flexion_deg: np.ndarray, start_deg: np.ndarray, full_deg: np.ndarray) -> np.ndarray:
+    """Compute the shares of full heights of forms that joints raise between these bends."""
+    bent = np.clip((flexion_deg - start_deg) / (full_deg - start_deg), 0.0, 1.0)
+    return bent * bent * (3 - 2 * bent)
+
+
+class RaisedParts(NamedTuple):
+    """What rises on each of N vertices, as `PoseDisplacement.shares` of a pose say.
+
+    Attributes:
+        resting_mm: [N] in a straight hand.
+        start: [N + 1] where the parts of each vertex begin.
+        part: [K] that raises a vertex.
+        height_mm: [K] by how much.
+        parts: their number.
+    """
+
+    resting_mm: np.ndarray
+    start: np.ndarray
+    part: np.ndarray
+    height_mm: np.ndarray
+    parts: int
 
 
 @dataclass(frozen=True)
@@ -96,11 +120,27 @@ class PoseDisplacement:
         if forearm is not None:
             flexion_deg[0] = -np.rad2deg(forearm[2])  # about the template's Z, which the arm's end turns to the palm
         clenched = np.clip(flexion_deg[_KNUCKLES].mean() / _CLENCHED_DEG, 0, 1)
-        return np.array([clenched, *(form.share(float(flexion_deg[form.joint])) for form in self.forms)])
+        joint, *bends = self._bends_of_forms
+        return np.concatenate([[clenched], _risen(flexion_deg[joint], *bends)])
 
     def parts_mm(self, veins_mm: float) -> np.ndarray:
         """Return the heights [1 + forms, N] of the parts, which `shares` of a pose add to those of a straight hand."""
         return np.stack([_CLENCHED_VEINS * veins_mm * self.vein, *(form.height_mm for form in self.forms)])
+
+    def parts_of_vertices(self, veins_mm: float) -> RaisedParts:
+        """List what the parts raise of each vertex; as `parts_mm`."""
+        heights_mm = self.parts_mm(veins_mm).T
+        vertex, part = heights_mm.nonzero()
+        start = np.searchsorted(vertex, np.arange(len(heights_mm) + 1))
+        resting_mm = veins_mm * _FLAT_VEINS * self.vein + self.padding_mm
+        return RaisedParts(resting_mm, start, part.astype(np.int32), heights_mm[vertex, part], 1 + len(self.forms))
+
+    @cached_property
+    def _bends_of_forms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of each form: the joint that raises it, and the bends at which it starts and is full, degrees."""
+        joints = np.array([form.joint for form in self.forms], int)
+        start_deg = np.array([form.start_deg for form in self.forms], float)
+        return joints, start_deg, np.array([form.full_deg for form in self.forms], float)
 
     @cached_property
     def _vertices_of_forms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

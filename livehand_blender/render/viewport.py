@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import logging
 import textwrap
-from collections import deque
+import time
 from collections.abc import Sequence
-from statistics import median
 from typing import NamedTuple
 
 import blf
@@ -24,26 +23,24 @@ from ..light.studio import needs_light
 from ..scene.colour import rec709_to_working_space
 from .hand_source import drawing_note
 from .viewport_hand import ViewportHand, read_viewport_hands
-from .viewport_image import ViewportImage, ViewportRequest, ViewportStep
+from .viewport_image import Pace, ViewportImage, ViewportRequest, ViewportStep
 from .viewport_shared import ViewportShared
 from .viewport_view import Rectangle, RegionView, read_view
 
 LOGGER = logging.getLogger(__name__)
 
-_SIDES_PX = (128, 160, 192, 224, 256, 320, 384, 448, 512)
-_FIRST_PX = 256
-_WANTED_S = 1 / 24
-# A choice is made from several pictures: one alone may have waited for an avatar, a kernel or another program.
-_FEWEST, _MOST = 3, 5
-# A larger picture is tried only if it would take this share of the wanted time, so that sizes do not flicker.
-_SPARE = 0.8
 _FONT = 0
 _TEXT_PT = 12.0
 _MARGIN_PX = 20.0
 _NO_LIGHT = "no light falls on the hands; press Studio Lights in the LiveHand tab of the sidebar (N)"
 _BLENDERS_LINES = 5  # that Blender may write there itself
+_WHITE = (1.0, 1.0, 1.0, 1.0)
+BAND_PX = 1 << 18
+"""Pixels that are uploaded at a time: 2 to 3 ms where a processor stands for the GPU."""
+_LONGEST_S = 0.004
+"""Past this, a drawing begins no other band."""
 _TRIANGLES = ((0, 1, 2), (0, 2, 3))
-_WHITE, _SHADE = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.7)
+_SHADE = (0.0, 0.0, 0.0, 0.7)
 
 
 def viewport_of(engine) -> Viewport:
@@ -67,11 +64,10 @@ class Viewport:
         self._problem = ""  # why the hands cannot be read
         self._submitted: tuple[ViewportRequest, float, bool] | None = None
         self._pace = Pace()
-        self._texture: ImageTexture | None = None
+        self._images = UploadedImages()
         self.has_image = False
         self.has_failed = False
         self._is_at_once = False  # the newest image was rendered as what moves is, and needs no other
-        self._is_empty = False  # the newest image shows no hand
         self._is_stale = True  # the scene has changed since it was read
         self._visible: tuple[VisibleHand, ...] | None = None  # of the changed scene, from its update to its reading
         self._triangles = LocalTriangles()
@@ -79,6 +75,11 @@ class Viewport:
         self._message = ""  # the outcome of the last request, if it is not an image
         self._has_error = False  # it is an error
         self._hint = ""  # what to do about an image that is there
+
+    @property
+    def is_uploading(self) -> bool:
+        """Whether the next drawing has more of an image to upload."""
+        return self._images.is_uploading
 
     def update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Note that the scene has changed."""
@@ -106,7 +107,7 @@ class Viewport:
                 has_failed = self._has_error
             except Exception as error:  # raised to Blender, it would keep the engine alive, and Cycles would crash
                 message, has_failed = _message_of(error), True
-        has_image = not message and (self._texture is not None or self._is_empty)
+        has_image = not message and (self._images.shown is not None or self._images.is_empty)
         if (has_image, has_failed) != (self.has_image, self.has_failed):
             self.has_image, self.has_failed = has_image, has_failed
             self._shared.timer.update_meshes()
@@ -140,8 +141,10 @@ class Viewport:
             return preparing.text
         self._submit(engine, depsgraph, view, 1 / _pixel_size(context), context.screen.is_animation_playing)
         self._receive()
-        if self._texture:
-            self._texture.draw(view.rectangle, context.region.height)
+        if self._images.upload():
+            self._shared.timer.watch(self, engine)
+        if self._images.shown:
+            self._images.shown.draw(view.rectangle, context.region.height)
         return self._message
 
     def _submit(
@@ -190,8 +193,10 @@ class Viewport:
                 self._message = _loading(self._submitted[0].hands, step.request.hands)
             else:
                 self._message = ""
-            self._texture = ImageTexture(outcome.value) if outcome.value else None
-            self._is_empty = not outcome.error and not outcome.value
+            if isinstance(outcome.value, ViewportImage):
+                self._images.add(outcome.value)
+            else:
+                self._images.clear(is_empty=not outcome.error)
 
 
 def _drawn_hands(depsgraph: bpy.types.Depsgraph) -> tuple[VisibleHand, ...]:
@@ -222,80 +227,6 @@ def _message_of(error: Exception) -> str:
         return message
     LOGGER.error("The 3D view failed", exc_info=error)
     return f"stopped on an unexpected {type(error).__name__}: {error}"
-
-
-class Pace:
-    """Chooses the longer side of moving pictures by the time that the last ones took.
-
-    Time is taken to grow with the number of pixels. It grows less, so a smaller picture may have to be made smaller
-    once more, and a larger one is never too slow for that reason.
-    """
-
-    def __init__(self, wanted_s: float = _WANTED_S):
-        self._wanted_s = wanted_s
-        self._side_px = _FIRST_PX
-        self._seconds: deque[float] = deque(maxlen=_MOST)
-        self._seconds_whole: deque[float] = deque(maxlen=_MOST)
-
-    @property
-    def keeps_whole(self) -> bool:
-        """Whether pictures of the full size that are rendered at once have taken no longer than wanted."""
-        return len(self._seconds_whole) < _FEWEST or median(self._seconds_whole) <= self._wanted_s
-
-    @property
-    def side_px(self) -> int:
-        """The longer side of the next picture."""
-        return self._side_px
-
-    def record_whole(self, seconds: float) -> None:
-        """Take note of the time of a picture of the full size that was rendered at once."""
-        self._seconds_whole.append(seconds)
-
-    def record(self, side_px: int, seconds: float) -> None:
-        """Take note of the time of a picture of this longer side; one of an earlier choice does not count."""
-        if side_px != self._side_px:
-            return
-        self._seconds.append(seconds)
-        if len(self._seconds) < _FEWEST:
-            return
-        seconds = median(self._seconds)
-        side_px = self._affordable_px(seconds)
-        if side_px > self._side_px or (seconds > self._wanted_s and side_px < self._side_px):
-            self._side_px = side_px
-            self._seconds.clear()
-
-    def _affordable_px(self, seconds: float) -> int:
-        """Compute the largest side with time to spare, if a picture of the present side takes so long."""
-        per_pixel_s = seconds / self._side_px**2
-        return max(
-            (side for side in _SIDES_PX if per_pixel_s * side**2 <= _SPARE * self._wanted_s), default=_SIDES_PX[0]
-        )
-
-
-class ImageTexture:
-    """An image on the GPU; created and drawn only in Blender's drawing callbacks.
-
-    Its colours are scene-linear: Blender applies the view transform to the whole view afterwards.
-    """
-
-    def __init__(self, image: ViewportImage):
-        height, width, _ = image.rgba.shape
-        pixels = gpu.types.Buffer("FLOAT", image.rgba.size, image.rgba.ravel())
-        self._texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=pixels)
-        self._box = image.box
-
-    def draw(self, rectangle: Rectangle, region_height_px: int) -> None:
-        """Draw the image over a rectangle of the region."""
-        left, top, right, bottom = self._box
-        left, right = rectangle.left + left, rectangle.left + right
-        top, bottom = (region_height_px - rectangle.top - edge for edge in (top, bottom))
-        shader = gpu.shader.from_builtin("IMAGE")
-        quad = {"pos": _corners(left, bottom, right, top), "texCoord": _corners(0, 0, 1, 1)}
-        batch = batch_for_shader(shader, "TRIS", quad, indices=_TRIANGLES)
-        gpu.state.blend_set("ALPHA_PREMULT")
-        shader.uniform_sampler("image", self._texture)
-        batch.draw(shader)
-        gpu.state.blend_set("NONE")
 
 
 class FreeArea(NamedTuple):
@@ -341,6 +272,109 @@ def draw_message(text: str, area: FreeArea, scale: float) -> None:
     for number, line in enumerate(lines):
         blf.position(_FONT, left, top - (number + 1) * line_px + 0.3 * line_px, 0)
         blf.draw(_FONT, line)
+
+
+class Band:
+    """Rows of an image, from `first` to before `last`, with the neighbours that filters mix with them."""
+
+    def __init__(self, image: ViewportImage, first: int, last: int):
+        height, width, _ = image.rgba.shape
+        start, end = max(first - 1, 0), min(last + 1, height)
+        rows = image.rgba[start:end]
+        pixels = gpu.types.Buffer("FLOAT", rows.size, rows.ravel())
+        self.texture = gpu.types.GPUTexture((width, end - start), format=_texture_format(), data=pixels)
+        self.shares = first / height, last / height
+        self.coordinates = (first - start) / (end - start), (last - start) / (end - start)
+
+
+def _texture_format() -> str:
+    """Return the format that is uploaded as it is: halves are rounded by the processor, in two to four times as long.
+
+    Not every GPU of Apple's mixes neighbours in single precision.
+    """
+    return "RGBA16F" if gpu.platform.backend_type_get() == "METAL" else "RGBA32F"
+
+
+class ImageTexture:
+    """An image on the GPU; uploaded and drawn only in Blender's drawing callbacks.
+
+    Its colours are scene-linear: Blender applies the view transform to the whole view afterwards.
+    """
+
+    def __init__(self, image: ViewportImage):
+        height, width, _ = image.rgba.shape
+        self.image, self._bands = image, list[Band]()
+        self._rows, self._missing = max(1, BAND_PX // width), height
+
+    def upload(self, until_s: float) -> bool:
+        """Upload bands until this time of `perf_counter`, one at least; returns whether all are there."""
+        height = len(self.image.rgba)
+        while self._missing:
+            first = height - self._missing
+            last = min(first + self._rows, height)
+            self._bands.append(Band(self.image, first, last))
+            self._missing = height - last
+            if time.perf_counter() >= until_s:
+                break
+        return not self._missing
+
+    def draw(self, rectangle: Rectangle, region_height_px: int) -> None:
+        """Draw the image over a rectangle of the region."""
+        left, top, right, bottom = self.image.box
+        left, right = rectangle.left + left, rectangle.left + right
+        top, bottom = (region_height_px - rectangle.top - edge for edge in (top, bottom))
+        shader = gpu.shader.from_builtin("IMAGE")
+        gpu.state.blend_set("ALPHA_PREMULT")
+        for band in self._bands:
+            low, high = (bottom + share * (top - bottom) for share in band.shares)
+            first, last = band.coordinates
+            quad = {"pos": _corners(left, low, right, high), "texCoord": _corners(0, first, 1, last)}
+            batch = batch_for_shader(shader, "TRIS", quad, indices=_TRIANGLES)
+            shader.uniform_sampler("image", band.texture)
+            batch.draw(shader)
+        gpu.state.blend_set("NONE")
+
+
+class UploadedImages:
+    """The image that a view shows, and those that are to follow.
+
+    Attributes:
+        shown: the newest that is whole; None: there is none.
+        is_empty: whether the newest shows no hand.
+    """
+
+    def __init__(self) -> None:
+        self.shown: ImageTexture | None = None
+        self.is_empty = False
+        self._coming: ImageTexture | None = None
+        self._next: ViewportImage | None = None
+
+    @property
+    def is_uploading(self) -> bool:
+        """Whether any image is to follow."""
+        return self._coming is not None
+
+    def add(self, image: ViewportImage) -> None:
+        """Add a new image; it follows the one that is being uploaded, which so is shown however many come."""
+        if self._coming is None:
+            self._coming = ImageTexture(image)
+        else:
+            self._next = image
+
+    def clear(self, is_empty: bool) -> None:
+        """Show no image: of no hand, or of an error."""
+        self.shown = self._coming = self._next = None
+        self.is_empty = is_empty
+
+    def upload(self) -> bool:
+        """Upload what there is time for; returns whether more is to follow."""
+        until_s = time.perf_counter() + _LONGEST_S
+        while self._coming is not None and self._coming.upload(until_s):
+            self.shown, self.is_empty = self._coming, False
+            self._coming, self._next = None if self._next is None else ImageTexture(self._next), None
+            if time.perf_counter() >= until_s:
+                break
+        return self.is_uploading
 
 
 def _draw_box(first_px: tuple[float, float], last_px: tuple[float, float]) -> None:

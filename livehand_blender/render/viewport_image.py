@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +25,14 @@ from .viewport_hand import ViewportHand
 # Cycles keeps every core busy meanwhile, and torch's threads wait for one another after every operation: on two busy
 # cores an image takes twice as long with two threads as with one.
 _THREADS = max(1, (os.cpu_count() or 1) // 4)
+
+_SIDES_PX = (128, 160, 192, 224, 256, 320, 384, 448, 512)
+_FIRST_PX = 256
+_WANTED_S = 1 / 24
+# A choice is made from several pictures: one alone may have waited for an avatar, a kernel or another program.
+_FEWEST, _MOST = 3, 5
+# A larger picture is tried only if it would take this share of the wanted time, so that sizes do not flicker.
+_SPARE = 0.8
 
 
 class ViewportImage(NamedTuple):
@@ -129,3 +139,51 @@ class ViewportStep:
         """Render the image, as `ViewportRequest.render`."""
         quality: Quality = "final" if self.moving_px is None else "preview"
         return self.request.render(self.session, self.scale, should_stop, quality, self.scale_at_once)
+
+
+class Pace:
+    """Chooses the longer side of moving pictures by the time that the last ones took.
+
+    Time is taken to grow with the number of pixels. It grows less, so a smaller picture may have to be made smaller
+    once more, and a larger one is never too slow for that reason.
+    """
+
+    def __init__(self, wanted_s: float = _WANTED_S):
+        self._wanted_s = wanted_s
+        self._side_px = _FIRST_PX
+        self._seconds: deque[float] = deque(maxlen=_MOST)
+        self._seconds_whole: deque[float] = deque(maxlen=_MOST)
+
+    @property
+    def keeps_whole(self) -> bool:
+        """Whether pictures of the full size that are rendered at once have taken no longer than wanted."""
+        return len(self._seconds_whole) < _FEWEST or median(self._seconds_whole) <= self._wanted_s
+
+    @property
+    def side_px(self) -> int:
+        """The longer side of the next picture."""
+        return self._side_px
+
+    def record_whole(self, seconds: float) -> None:
+        """Take note of the time of a picture of the full size that was rendered at once."""
+        self._seconds_whole.append(seconds)
+
+    def record(self, side_px: int, seconds: float) -> None:
+        """Take note of the time of a picture of this longer side; one of an earlier choice does not count."""
+        if side_px != self._side_px:
+            return
+        self._seconds.append(seconds)
+        if len(self._seconds) < _FEWEST:
+            return
+        seconds = median(self._seconds)
+        side_px = self._affordable_px(seconds)
+        if side_px > self._side_px or (seconds > self._wanted_s and side_px < self._side_px):
+            self._side_px = side_px
+            self._seconds.clear()
+
+    def _affordable_px(self, seconds: float) -> int:
+        """Compute the largest side with time to spare, if a picture of the present side takes so long."""
+        per_pixel_s = seconds / self._side_px**2
+        return max(
+            (side for side in _SIDES_PX if per_pixel_s * side**2 <= _SPARE * self._wanted_s), default=_SIDES_PX[0]
+        )

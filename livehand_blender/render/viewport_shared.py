@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from typing import Protocol
 
 import bpy
 
@@ -29,18 +30,27 @@ class ViewportShared:
         self.preview.close()
 
 
+class WatchedView(Protocol):
+    """A view that waits for images."""
+
+    @property
+    def is_uploading(self) -> bool:
+        """Whether its next drawing has more of an image to upload."""
+        ...
+
+
 class RedrawTimer:
     """Polls the rendering thread from Blender's thread, the only one that may tag a view for redraw."""
 
     def __init__(self, preview: PreviewScheduler):
         self._preview = preview
         # Weak: Cycles ends its session when Python frees the engine, which must not be later than Blender does.
-        self._engines: dict[object, weakref.ref[bpy.types.RenderEngine]] = {}
+        self._engines: dict[WatchedView, weakref.ref[bpy.types.RenderEngine]] = {}
         # Blender identifies a timer by its function object, and every access to a bound method makes a new one.
         self._callback = self._tick
 
-    def watch(self, view: object, engine: bpy.types.RenderEngine) -> None:
-        """Redraw the engine's view whenever an image is ready, until none is awaited."""
+    def watch(self, view: WatchedView, engine: bpy.types.RenderEngine) -> None:
+        """Redraw the engine's view whenever an image is ready, or a part of one, until none is awaited."""
         self._engines[view] = weakref.ref(engine)
         if not bpy.app.timers.is_registered(self._callback):
             bpy.app.timers.register(self._callback, first_interval=_INTERVAL_S)
@@ -62,11 +72,12 @@ class RedrawTimer:
             self._check(view, reference())
         return _INTERVAL_S if self._engines else None
 
-    def _check(self, view: object, engine: bpy.types.RenderEngine | None) -> None:
+    def _check(self, view: WatchedView, engine: bpy.types.RenderEngine | None) -> None:
         if engine is None:  # the view was closed, or its shading changed
             self._preview.forget(view)
-        is_busy = self._preview.is_busy(view)  # first: what ends after this line is an outcome at the next tick
-        if engine is not None and self._preview.has_outcome(view):
+        is_more = engine is not None and view.is_uploading
+        is_busy = is_more or self._preview.is_busy(view)  # first: what ends after this is an outcome at the next tick
+        if engine is not None and (is_more or self._preview.has_outcome(view)):
             engine.tag_redraw()
         if not is_busy:
             del self._engines[view]

@@ -70,10 +70,19 @@ def region_camera(view: bpy.types.RegionView3D, size_px: tuple[int, int]) -> Cam
             [0, 0, 1],
         ]
     )
-    cam2world = np.linalg.inv(np.array(view.view_matrix, np.float64)) @ _OPENGL_TO_OPENCV_AXES
+    cam2world = _inverse(np.array(view.view_matrix, np.float64)) @ _OPENGL_TO_OPENCV_AXES
     if is_orthographic and view.view_perspective != "CAMERA":
         cam2world[:3, 3] -= _BACK_M * cam2world[:3, 2]
     return Camera(K, cam2world, size_px, is_orthographic)
+
+
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Invert an affine matrix [4, 4] by hand; `backend.field.rays.camera_tensors` says why."""
+    turn, inverse = matrix[:3, :3], np.eye(4)
+    across = np.cross(turn[[1, 2, 0]], turn[[2, 0, 1]])
+    inverse[:3, :3] = across.T / (turn[0] * across[0]).sum()
+    inverse[:3, 3] = -(inverse[:3, :3] * matrix[:3, 3]).sum(1)
+    return inverse
 
 
 def _has_border(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> bool:

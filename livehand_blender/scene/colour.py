@@ -24,8 +24,9 @@ def rec709_to_working_space() -> np.ndarray:
     """Compute [3, 3], exactly the identity if the scene works in Rec.709, as all files before Blender 5 do."""
     columns = [mathutils.Color(axis).from_rec709_linear_to_scene_linear() for axis in np.eye(3)]
     matrix = np.array(columns, np.float32).T
+    identity = np.eye(3, dtype=np.float32)
     # Blender converts through XYZ in single precision: the identity comes back 5e-6 off.
-    return np.eye(3, dtype=np.float32) if np.allclose(matrix, np.eye(3), atol=5e-5) else matrix
+    return identity if np.abs(matrix - identity).max() <= 5e-5 else matrix
 
 
 def in_rec709(rgb: np.ndarray) -> np.ndarray:

@@ -12,7 +12,15 @@ from livehand.backend.render.preview_scheduler import StepOutcome
 from livehand.backend.system.child_job import JobProgress
 from livehand.livehand_blender.hands import visible_hands
 from livehand.livehand_blender.render import viewport as viewport_module
-from livehand.livehand_blender.render.viewport import FreeArea, ImageTexture, Pace, Viewport, draw_message, free_area
+from livehand.livehand_blender.render.viewport import (
+    FreeArea,
+    ImageTexture,
+    Pace,
+    UploadedImages,
+    Viewport,
+    draw_message,
+    free_area,
+)
 from livehand.livehand_blender.render.viewport_image import ViewportImage, ViewportStep
 from livehand.livehand_blender.render.viewport_shared import ViewportShared
 from livehand.livehand_blender.render.viewport_view import Rectangle
@@ -73,11 +81,85 @@ def test_an_image_is_drawn_upright_in_its_box_over_the_view(drawn):
     rgba[0] = (0.5, 0, 0, 0.5)  # the bottom row
     rgba[1] = (0, 1, 0, 1)
     texture = ImageTexture(ViewportImage(rgba, (10.0, 20.0, 13.0, 22.0)))
+    assert texture.upload(0.0)
     pixels = drawn(lambda: texture.draw(Rectangle(40, 30, 140, 110), SIZE_PX[1]))
     assert pixels[50, 50:53, :3] == pytest.approx(np.array([[0, 1, 0]] * 3), abs=1e-3)
     assert pixels[51, 50:53, :3] == pytest.approx(np.array([[0.5 + GROUND / 2, GROUND / 2, GROUND / 2]] * 3), abs=1e-3)
     pixels[50:52, 50:53] = pixels[0, 0]
     assert np.all(pixels[..., :3] == GROUND)
+
+
+@pytest.mark.parametrize("box", [(10.0, 5.0, 50.0, 35.0), (10.25, 5.5, 90.0, 64.0)], ids=["as it is", "enlarged"])
+@pytest.mark.parametrize("rows", [1, 7, 29])
+def test_an_image_in_bands_is_drawn_as_one_in_one(drawn, monkeypatch, rows, box):
+    """Where bands meet, filters mix the same neighbours; in single precision, a byte of two pixels may differ."""
+    rgba = np.random.default_rng(0).uniform(0, 1, (30, 40, 4)).astype(np.float32)
+    whole, banded = (ImageTexture(ViewportImage(rgba, box)) for _ in range(2))
+    assert whole.upload(0.0)
+    monkeypatch.setattr(viewport_module, "BAND_PX", 40 * rows)
+    banded = ImageTexture(ViewportImage(rgba, box))
+    uploads = 1
+    while not banded.upload(0.0):
+        uploads += 1
+    assert uploads == -(-30 // rows)
+    one, other = (
+        drawn(lambda texture=texture: texture.draw(Rectangle(0, 0, *SIZE_PX), SIZE_PX[1]))
+        for texture in (whole, banded)
+    )
+    assert np.ptp(one) > 0.5
+    np.testing.assert_allclose(one, other, atol=1 / 255)
+    if box[2] - box[0] == 40:
+        expected = rgba[::-1, :, :3] + (1 - rgba[::-1, :, 3:]) * GROUND
+        np.testing.assert_allclose(one[5:35, 10:50, :3], expected, atol=2e-3)
+
+
+def test_an_image_is_uploaded_by_parts_while_the_one_before_is_shown(drawn, monkeypatch):
+    monkeypatch.setattr(viewport_module, "BAND_PX", 4 * 10)
+    monkeypatch.setattr(viewport_module, "_LONGEST_S", -1.0)
+    first, second, third, fourth = (
+        ViewportImage(np.full((20, 10, 4), k, np.float32), (0, 0, 10, 20)) for k in range(4)
+    )
+    images = UploadedImages()
+    images.add(first)
+    for _ in range(4):
+        assert images.upload()
+        assert images.shown is None
+    assert not images.upload()
+    assert images.shown.image is first
+    images.add(second)
+    assert images.upload()
+    images.add(third)
+    images.add(fourth)  # the one between is never shown; that which is half there is
+    assert images.shown.image is first
+    for image in (second, fourth):
+        while images.shown.image is not image:
+            assert images.is_uploading
+            images.upload()
+    assert not images.is_uploading
+    images.add(first)
+    images.clear(is_empty=True)
+    assert images.shown is None
+    assert images.is_empty
+    assert not images.upload()
+    images.add(second)
+    assert images.upload()
+    assert images.is_empty  # until another is there
+    while images.upload():
+        pass
+    assert not images.is_empty
+
+
+def test_the_timer_redraws_views_until_their_images_are_whole(shared):
+    tags, view = [], type("View", (), {"is_uploading": True})()
+    engine = type("Tagged", (), {"tag_redraw": lambda self: tags.append(1)})()
+    shared.timer.watch(view, engine)
+    for _ in range(3):
+        assert shared.timer._callback() is not None
+    assert len(tags) == 3
+    view.is_uploading = False
+    assert shared.timer._callback() is None
+    assert len(tags) == 3
+    shared.timer.stop()
 
 
 def test_a_long_message_is_wrapped_into_the_region(drawn):
@@ -461,14 +543,14 @@ def test_errors_are_shown_in_the_view(drawn, context, shared, messages, spoil, w
 
 
 def test_the_timer_runs_while_images_are_awaited_and_forgets_closed_views(shared):
-    engine, is_open = Engine(), [True]
-    shared.preview.submit("view", [lambda stop: time.sleep(0.001) if is_open else None, stay_until(is_open)])
-    shared.timer.watch("view", engine)
+    engine, is_open, view = Engine(), [True], type("View", (), {"is_uploading": False})()
+    shared.preview.submit(view, [lambda stop: time.sleep(0.001) if is_open else None, stay_until(is_open)])
+    shared.timer.watch(view, engine)
     assert bpy.app.timers.is_registered(shared.timer._callback)
     assert shared.timer._callback() is not None
     del engine
     assert shared.timer._callback() is None
-    assert not shared.preview.is_busy("view")
+    assert not shared.preview.is_busy(view)
     is_open.clear()
     shared.timer.stop()
     assert not bpy.app.timers.is_registered(shared.timer._callback)

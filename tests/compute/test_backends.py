@@ -25,10 +25,17 @@ from livehand.backend.light.visibility import ShadowMapPoints
 from livehand.backend.surface.edge_antialiasing import SurfaceBones
 
 # What numba leaves to the reference: sequences of stages, of which it overrides the costly parts; and whole frames.
-LEFT_TO_THE_REFERENCE = {"visibility", "point_shadows", "shading_inputs", "lit_frames", "renders_lit_frames"}
+LEFT_TO_THE_REFERENCE = {
+    "visibility",
+    "point_shadows",
+    "shading_inputs",
+    "lit_frames",
+    "baked_frames",
+    "renders_whole_frames",
+}
 BY_NUMBA = set("""
     frames_at_once threads_of_frame
-    skin_motion posed_mesh local_rotations
+    skin_motion posed_mesh hand_extent local_rotations
     first_hit trace shade ray_renderer decoder decoder_inputs superres
     lit_share look_up ambient_occlusion light_features mesh_points indirect_diffuse near_field_light
     smooth_enlarged_rays shares_of_rays normals_at_steps view_directions edge_avoiding_mean shade_image

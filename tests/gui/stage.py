@@ -75,9 +75,11 @@ def watch_images():
     viewport, shown = module("livehand_blender.render.viewport"), []
 
     class WatchedTexture(viewport.ImageTexture):
-        def __init__(self, picture):
-            super().__init__(picture)
-            shown.append(time.perf_counter())
+        def upload(self, until_s):
+            is_whole = super().upload(until_s)
+            if is_whole:
+                shown.append(time.perf_counter())
+            return is_whole
 
     viewport.ImageTexture = WatchedTexture
     return shown

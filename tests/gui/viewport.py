@@ -35,9 +35,11 @@ class Watch:
         watch, texture_class = self, viewport.ImageTexture
 
         class WatchedTexture(texture_class):
-            def __init__(self, picture):
-                super().__init__(picture)
-                watch.pictures.append((time.perf_counter(), max(picture.rgba.shape)))
+            def upload(self, until_s):
+                is_whole = super().upload(until_s)
+                if is_whole:
+                    watch.pictures.append((time.perf_counter(), max(self.image.rgba.shape)))
+                return is_whole
 
         viewport.ImageTexture = WatchedTexture
         for name in ("update", "draw"):

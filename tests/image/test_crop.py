@@ -105,7 +105,10 @@ def test_tensors_of_its_camera_are_those_of_the_checked_one(scale):
     cam2world[:3, 3] = 0.1, -0.2, 0.3
     camera = Camera(np.array([[300.0, 2, 101], [0, 280, 77], [0, 0, 1]]), cam2world, (200, 160))
     crop = Crop(7, -3, 48, 32, scale)
-    ours, checked = crop.tensors_of(camera), camera_tensors(crop.camera_of(camera), "cpu")
+    ours, checked = (
+        crop.tensors_of(camera, camera_tensors(camera, "cpu")),
+        camera_tensors(crop.camera_of(camera), "cpu"),
+    )
     np.testing.assert_allclose(ours.K, checked.K, rtol=1e-6)
     assert ours.world2cam.equal(checked.world2cam)
     assert ours[2:] == checked[2:]

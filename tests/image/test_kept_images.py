@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.compute.lit_frames import ShotPixels
+from livehand.backend.compute.whole_frames import ShotPixels
 from livehand.backend.image.crop import Crop
 from livehand.backend.image.kept_images import KeptImages
 from livehand.backend.records.frame import DEPTH_BACKGROUND, empty_frame

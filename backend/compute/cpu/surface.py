@@ -14,6 +14,7 @@ from ...field.rays import CameraTensors, origin_axes
 from ...geometry.local_rotation import LocalFrames
 from ...geometry.mesh import PosedMesh, Topology
 from ...hand.lbs import SkinMotion, SkinTensors
+from ...image.crop import HandExtent
 from ...image.shading import MIN_ALPHA, ShadingInputs
 from ...light.lighting import BumpMapping
 from ...records.shot import HandPose
@@ -59,6 +60,7 @@ from ..kernels.surface import (
     surface_rotations,
     vertex_normals,
 )
+from ..kernels.surface import hand_extent as measure_hand
 from ..reference import ReferenceBackend
 from .arrays import as_arrays
 from .rays import find_fronts, projected_mesh
@@ -90,6 +92,17 @@ def posed_mesh(topology: Topology, vertices: Float[Tensor, "V 3"]) -> PosedMesh:
     normals = torch.empty_like(vertices, memory_format=torch.contiguous_format)
     length_m = mesh_normals(*as_arrays(vertices, topology.faces, topology.edges, normals))
     return PosedMesh(vertices, normals, length_m / topology.edge_length_m)
+
+
+def hand_extent(
+    topology: Topology, vertices: Float[Tensor, "V 3"], camera: CameraTensors, shell_m: float
+) -> HandExtent:
+    """Measure a posed hand, as `image.crop.hand_extent`."""
+    found, of_mesh = np.empty(9, np.float32), as_arrays(vertices, topology.edges, camera.world2cam, camera.K)
+    numbers = np.float32(shell_m), np.float32(topology.edge_length_m), camera.is_orthographic
+    is_before = measure_hand(*of_mesh, *numbers, found)
+    first = found[5:7] if is_before else None
+    return HandExtent(float(found[0]), found[1:4], float(found[4]), first, found[7:9])
 
 
 def local_rotations(
@@ -274,6 +287,7 @@ class SurfaceKernels(ReferenceBackend):
 
     skin_motion = staticmethod(skin_motion)
     posed_mesh = staticmethod(posed_mesh)
+    hand_extent = staticmethod(hand_extent)
     local_rotations = staticmethod(local_rotations)
     detail_mesh = staticmethod(detail_mesh)
     visible_surface = staticmethod(visible_surface)

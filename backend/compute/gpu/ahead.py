@@ -21,8 +21,8 @@ from . import kernels
 
 SHIPPED = Path(__file__).with_name("compiled")
 """What a release brings, if it does: a folder for each module, named after its text."""
-COMMON_CHIPS = 75, 86, 89, 90
-"""Compute capabilities, times ten: RTX 20 and T4; RTX 30; RTX 40; H100 and H200."""
+COMMON_CHIPS = 75, 86, 89, 90, 120
+"""Compute capabilities, times ten: RTX 20 and T4; RTX 30; RTX 40; H100 and H200; RTX 50."""
 
 
 class CompiledKernels(NamedTuple):

@@ -6,18 +6,18 @@ where Warp cannot.
 
 from __future__ import annotations
 
-import torch
+import numpy as np
 import warp as wp
 
 from ...records.errors import LiveHandError
-from ..lit_frames import FrameModel
+from ..whole_frames import BakedFrameRenderer, BakedModel, LitFrameRenderer, LitModel
 from .ahead import use_shipped
+from .baked_frame import baked_frames
 from .field_stages import FieldStages
 from .image_stages import ImageStages
-from .kernels.compiled import launch
 from .kernels.raster import prepare_view
 from .light_stages import RadianceStages
-from .lit_frame import LitFrames
+from .lit_frame import lit_frames
 from .ray_stages import RayStages
 from .surface_stages import DetailStages
 
@@ -31,12 +31,17 @@ class WarpBackend(RayStages, FieldStages, RadianceStages, ImageStages, DetailSta
 
     def __init__(self, device: str | None = None) -> None:
         self.device = device
-        self.renders_lit_frames = device is not None
+        self.renders_whole_frames = device is not None
 
-    def lit_frames(self, model: FrameModel) -> LitFrames:
+    def lit_frames(self, model: LitModel) -> LitFrameRenderer:
         """Return what renders whole lit frames of a model."""
         assert self.device is not None
-        return LitFrames(model, self.device)
+        return lit_frames(model, self.device)
+
+    def baked_frames(self, model: BakedModel) -> BakedFrameRenderer:
+        """Return what renders whole frames of a model in its capture's light."""
+        assert self.device is not None
+        return baked_frames(model, self.device)
 
 
 _OFF = 1e-6
@@ -54,23 +59,24 @@ def check_gpu() -> None:
     if chip < oldest:
         raise LiveHandError(f"the GPU must be of compute capability {oldest / 10} or later, got {chip / 10}")
     use_shipped()
-    check_values(torch.device("cuda"))
+    check_values("cuda:0")
 
 
-def check_values(device: torch.device) -> None:
-    """Compute a camera's axes on a device.
+def check_values(device: str) -> None:
+    """Compute a camera's axes on a device of Warp's.
 
     Raises:
         LiveHandError: they are wrong.
     """
     # 2 px a unit of width, 4 px a unit of height, turned by a quarter about its axis, 3 m behind the origin.
-    K = torch.tensor([[2.0, 0, 8], [0, 4, 6], [0, 0, 1]], device=device)
-    world2cam = torch.tensor([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]], device=device)
-    expected = torch.tensor([[0.0, 0, -3], [0, 0.5, 0], [-0.25, 0, 0], [1.5, -4, 1]])
-    view = torch.zeros(4, 3, device=device)
-    launch(prepare_view, 1, K, world2cam, view)
-    if not torch.allclose(view.cpu(), expected, atol=_OFF):
-        raise LiveHandError(f"a camera's axes must be {expected.tolist()}, got {view.tolist()} on {device}")
+    K = wp.array([[2.0, 0, 8], [0, 4, 6], [0, 0, 1]], dtype=wp.float32, device=device)
+    world2cam = [[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]]
+    expected = np.array([[0.0, 0, -3], [0, 0.5, 0], [-0.25, 0, 0], [1.5, -4, 1]])
+    view = wp.zeros(4, dtype=wp.vec3, device=device)
+    wp.launch(prepare_view, 1, [K, wp.array(world2cam, dtype=wp.float32, device=device), view], device=device)
+    found = view.numpy()
+    if not np.allclose(found, expected, atol=_OFF):
+        raise LiveHandError(f"a camera's axes must be {expected.tolist()}, got {found.tolist()} on {device}")
 
 
 def driver_message(toolkit: tuple[int, int] | None, driver: tuple[int, int] | None) -> str:

@@ -108,7 +108,7 @@ class PlaneRayRenderer:
         launch(gather_samples, (count, samples), *rays.samples, rays.t, units, *surface, *self._flat, features, sigma)
         alpha, depth = rays.t.new_empty(count), rays.t.new_empty(count)
         found = Composite(rays.t.new_empty(count, features.shape[1]), alpha, depth, torch.empty_like(sigma))
-        steps = sigma, rays.t, rays.dt, rays.directions, rays.is_stopped, units
+        steps = sigma, rays.t, rays.dt, rays.directions, rays.is_stopped, units, 0.0
         launch(weigh_samples, count, *steps, *found[1:])
         launch(sum_samples, tuple(found.channels.shape), features, found.weights, found.channels)
         return found

@@ -6,18 +6,16 @@ Launches run one by one, or on a GPU are recorded once and then started at once.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import warp as wp
 from torch import Tensor
 
-from ...surface.detail_mesh import SAMPLES
-from ..lit_frames import FrameModel
+from ..whole_frames import LitModel, ShotPixels
 from .blocks import DeviceBlock, HostBlock, Layout
-from .frame_model import DeviceModel, device_array, precision_on
-from .frame_parameters import parameter_layout
-from .frame_shape import FrameShape
+from .frame_model import DeviceModel, Model, device_array, precision_on
+from .frame_shape import FrameShape, ImageShape
 from .kernels.compiled import INFINITE_BITS
 from .kernels.tiles import ROWS, THREADS
 
@@ -82,7 +80,28 @@ class Sequence:
         self._kept.append(arguments)
 
 
-class FrameBuffers:
+Shape = TypeVar("Shape", bound=ImageShape)
+
+
+class Layouts(NamedTuple):
+    """What of a frame lies side by side.
+
+    Attributes:
+        parameters: that the host fills.
+        answer: that the host reads.
+        zeros: that a frame clears to zeros.
+        nothing: that it clears to -1, words of no face, and lists' places of what is in none.
+        infinity: that it clears to infinite depths, in bits or as they are.
+    """
+
+    parameters: Layout
+    answer: Layout
+    zeros: Layout
+    nothing: Layout
+    infinity: Layout
+
+
+class FrameBuffers(Generic[Model, Shape]):
     """What frames of one shape share.
 
     Attributes:
@@ -98,22 +117,20 @@ class FrameBuffers:
         filled: the names of what was made by `new`.
     """
 
-    def __init__(self, on_device: DeviceModel, shape: FrameShape, capacity: int) -> None:
-        model, self.device, self._tables, self.networks = on_device
+    def __init__(self, on_device: DeviceModel[Model], shape: Shape, layouts: Layouts, capacity: int) -> None:
+        self.model: Model = on_device.model
+        self.shape: Shape = shape
+        self.device, self._tables, self.networks = on_device.device, on_device.tables, on_device.networks
         device = self.device
-        self.model, self.shape, self.sequence, self.capacity = model, shape, Sequence(device), capacity
+        self.sequence, self.capacity = Sequence(device), capacity
         self.has_tiles, self.half = wp.get_device(device).is_cuda, precision_on(device)
-        parameters, answer = parameter_layout(model, shape), _answer_layout(shape)
+        parameters, answer = layouts[:2]
         block, pixels = DeviceBlock(parameters, device), DeviceBlock(answer, device)
         self.host, self.answer = HostBlock(block, parameters), HostBlock(pixels, answer)
         self.filled, self._named = list[str](), dict[str, wp.array]()
         self._cleared = [
             (DeviceBlock(layout, device), layout, value)
-            for layout, value in (
-                (_of_zeros(model, shape, self.half), 0),
-                (_of_nothing(shape), -1),
-                (_of_infinity(shape), INFINITE_BITS),
-            )
+            for layout, value in zip(layouts[2:], (0, -1, INFINITE_BITS), strict=True)
         ]
         self._blocks = [(block, parameters), (pixels, answer), *[one[:2] for one in self._cleared]]
 
@@ -159,6 +176,17 @@ class FrameBuffers:
         self.sequence.then(lambda: wp.copy(self["overflow"], self["has_overflow"]))
         self.sequence.then(self.answer.download)
 
+    def rendered(self) -> ShotPixels | None:
+        """Run the sequence, wait for it, and return its pixels, which are valid until the next; None: an overflow."""
+        self.sequence.run()
+        wp.synchronize_device(self.device)
+        if self.answer["overflow"][0]:
+            return None
+        width, height = self.shape.size_px
+        size = 2 * height, 2 * width
+        rgb, alpha, depth = (self.answer[name] for name in ("rgb", "pixel_alpha", "pixel_depth"))
+        return ShotPixels(rgb.reshape(*size, 3), alpha.reshape(size), depth.reshape(size))
+
     @property
     def lanes(self) -> int:
         """Threads that share the pixels of a face of the hand's own mesh."""
@@ -171,50 +199,17 @@ class FrameBuffers:
         return (height + 4) * (width + 2) + int(ROWS)
 
 
-def _answer_layout(shape: FrameShape) -> Layout:
+LitBuffers = FrameBuffers[LitModel, FrameShape]
+"""Those of lit frames."""
+
+
+def answer_layout(shape: ImageShape) -> Layout:
+    """Lay out a frame's pixels, and whether a list has overflowed."""
     of_pixels = {name: (kind, (4 * shape.rays,)) for name, kind in _PIXELS.items()}
     return {**of_pixels, "overflow": (wp.int32, (1,))}
 
 
-def _of_zeros(model: FrameModel, shape: FrameShape, half: Any) -> Layout:
-    """Lay out what a frame clears to zeros."""
+def padded_layout(shape: ImageShape, half: Any) -> Layout:
+    """Lay out the maps of rays with a border, which super-resolution is given."""
     width, height = shape.size_px
-    maps = model.superres.head.in_channels
-    rows = (height + 4) * (width + 2) + int(ROWS)
-    return {
-        "counts": (wp.int32, (3,)),
-        "has_overflow": (wp.int32, (1,)),
-        "farthest_bits": (wp.int32, (1,)),
-        "crossings": (wp.int32, (shape.rays,)),
-        "sample_bits": (wp.int32, (4 * shape.rays,)),
-        "values": (wp.float32, (4 * shape.rays, 18)),
-        "alphas": (wp.float32, (4 * shape.rays,)),
-        "colours": (wp.vec3, (4 * shape.rays,)),
-        "longest_bits": (wp.int32, (1,)),
-        "hair_sums": (wp.int64, (4 * shape.rays if shape.has_hairs else 0, 4)),
-        "maps34": (wp.float32, (shape.rays, maps)),
-        "padded": (half, (rows, 64)),
-    }
-
-
-def _of_nothing(shape: FrameShape) -> Layout:
-    """Lay out what a frame clears to -1: words of no face, and lists' places of what is in none."""
-    words = {name: (wp.uint64, (shape.rays,)) for name in ("shown_low", "shown_mesh", "shown_outer")}
-    return {
-        **words,
-        "shown": (wp.uint64, (4 * shape.rays,)),
-        "samples": (wp.uint64, (shape.edges * len(SAMPLES),)),
-        "row": (wp.int32, (shape.rays,)),
-        "slot": (wp.int32, (4 * shape.rays,)),
-    }
-
-
-def _of_infinity(shape: FrameShape) -> Layout:
-    """Lay out what a frame clears to infinite depths, in bits or as they are."""
-    return {
-        "stop_bits": (wp.int32, (shape.rays,)),
-        "shadow_maps": (wp.int32, (shape.map_cells,)),
-        "bounds": (wp.int32, (shape.views, 4)),
-        "depth_of_rays": (wp.float32, (shape.rays,)),
-        "hair_depth_bits": (wp.int32, (4 * shape.rays if shape.has_hairs else 0,)),
-    }
+    return {"padded": (half, ((height + 4) * (width + 2) + int(ROWS), 64))}

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
 from ...light.lighting import COEFFICIENTS, RELIGHTABLE_FEATURES
 from ...surface.hairs import SEGMENTS
 from .blocks import part_of, stride_of
-from .frame_buffers import COVERED, EDGES, FrameBuffers
+from .frame_buffers import COVERED, EDGES, FrameBuffers, LitBuffers
 from .frame_light import add_products
 from .kernels.detail import add_skin
 from .kernels.edges import develop_pixels, edge_shares, list_edges, mark_pixels, sample_faces, spread_coverage
@@ -21,7 +23,7 @@ from .kernels.tiles import ROWS
 _LANES = 1
 
 
-def add_coverage(frame: FrameBuffers) -> None:
+def add_coverage(frame: LitBuffers) -> None:
     """Add what full-size pixels show of the surface, and where one part of it ends before another."""
     width, height = (2 * size for size in frame.shape.size_px)
     pixels, edges, faces = width * height, frame.shape.edges, len(frame.model.template.faces)
@@ -50,12 +52,18 @@ def add_coverage(frame: FrameBuffers) -> None:
     frame.add(edge_shares, edges, "edge_count", *about, "shows_first", "edge_share")
 
 
-def add_superres(frame: FrameBuffers) -> None:
+def add_superres(frame: LitBuffers) -> None:
     """Add the maps of rays, and the convolutions over them."""
-    (width, height), rays = frame.shape.size_px, frame.shape.rays
+    width, rays = frame.shape.size_px[0], frame.shape.rays
     of_rays = "ray_count", "pixel", "row", width, "low", "alpha", "hit_m", "edge_m", "rings"
     shown = "relief_normal", "position", "view_direction", "world2cam", COEFFICIENTS + RELIGHTABLE_FEATURES
     frame.add(paint_maps, rays, *of_rays, *shown, "maps34", "padded", "depth_of_rays")
+    add_convolutions(frame)
+
+
+def add_convolutions(frame: FrameBuffers[Any, Any]) -> None:
+    """Add the convolutions of super-resolution, from `padded` to `tail`."""
+    width, height = frame.shape.size_px
     stride, rows = width + 2, frame.image_rows
     inside = np.zeros((rows, 1), np.float32)
     inside[: (height + 2) * stride].reshape(height + 2, stride)[1:-1, 1:-1] = 1
@@ -64,16 +72,17 @@ def add_superres(frame: FrameBuffers) -> None:
     frame.constant("nine_taps", shifts, wp.int32)
     first, last = stride + 1, (height + 1) * stride - 1
     frame.constant("last_row", np.array([last], np.int32), wp.int32)
-    images = [frame.new(f"image{number}", frame.half, rows, 64) for number in range(2)]
-    tail = frame.new("tail", wp.float32, rows, 64)
-    tiles, values, layers = -(-(last - first) // int(ROWS)), frame["padded"], frame.networks.superres
+    layers = frame.networks.superres
+    images = [frame.new(f"image{number}", frame.half, rows, layers[0].outputs) for number in range(2)]
+    tail = frame.new("tail", wp.float32, rows, layers[-1].outputs)
+    tiles, values = -(-(last - first) // int(ROWS)), frame["padded"]
     for number, layer in enumerate(layers):
         answer = tail if number == len(layers) - 1 else images[number % 2]
         add_products(frame, tiles, layer, ("last_row", first, "nine_taps"), values, "inside", answer)
         values = answer
 
 
-def add_pixels(frame: FrameBuffers) -> None:
+def add_pixels(frame: LitBuffers) -> None:
     """Add the pixels of the full-size image, in no light."""
     (width, height), most = frame.shape.size_px, 4 * frame.shape.rays
     frame.new("covered", wp.int64, most)
@@ -86,10 +95,7 @@ def add_pixels(frame: FrameBuffers) -> None:
     frame.named("covered_count", part_of(frame["counts"], COVERED, 1))
     found = "covered_count", "covered", "view_of_pixel", "has_overflow"
     frame.add(list_covered, most, "row", width, "full_view", most, *found)
-    flat = frame["maps34"]
-    strides = 4, width * stride_of(flat), stride_of(flat)
-    shape = flat.shape[1], height, width
-    maps = wp.array(ptr=flat.ptr, dtype=wp.float32, shape=shape, strides=strides, device=frame.device)
+    maps = maps_of(frame["maps34"], width, height)
     detail = "tail", width + 2, 1
     frame.add(enlarge_pixels, most, "covered_count", maps, *detail, "covered", "world2cam", "values", "alphas")
     frame.add(smooth_pixels, most, "covered_count", "values", "covered", 2 * width, "coefficients", "even_normal")
@@ -100,7 +106,13 @@ def add_pixels(frame: FrameBuffers) -> None:
     _add_skin(frame, most)
 
 
-def _add_skin(frame: FrameBuffers, most: int) -> None:
+def maps_of(rows: wp.array, width: int, height: int) -> wp.array:
+    """Return rows [h * w, C] of pixels as maps [C, h, w], without a copy."""
+    strides, shape = (4, width * stride_of(rows), stride_of(rows)), (rows.shape[1], height, width)
+    return wp.array(ptr=rows.ptr, dtype=wp.float32, shape=shape, strides=strides, device=rows.device)
+
+
+def _add_skin(frame: LitBuffers, most: int) -> None:
     maps = frame.model.maps
     resolution = 1 if maps.ratio is None else maps.ratio.resolution
     seen = "seen_face", "seen_m", "coverage", "full_view"
@@ -112,7 +124,7 @@ def _add_skin(frame: FrameBuffers, most: int) -> None:
     frame.add(add_skin, most, "covered_count", *seen, *surface, *tables, *of_pixels, *written)
 
 
-def add_colours(frame: FrameBuffers) -> None:
+def add_colours(frame: LitBuffers) -> None:
     """Add the colours of pixels in the light, and the frame's pixels."""
     (width, _), most = frame.shape.size_px, 4 * frame.shape.rays
     normals = "bump_normal", "surface_normal", "blurred_normal", "alpha_squared", "view_of_pixel"
@@ -138,7 +150,7 @@ def add_colours(frame: FrameBuffers) -> None:
     )
 
 
-def _add_hairs(frame: FrameBuffers) -> None:
+def _add_hairs(frame: LitBuffers) -> None:
     """Add what hairs cover of pixels, and their colours there."""
     hairs, width = frame.model.hairs, frame.shape.size_px[0]
     count = len(hairs.radius_m)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -11,7 +13,7 @@ from ...light.near_field_light import sky_cells
 from ...light.nearby_geometry import MOST_PATCHES
 from ...light.sky_samples import SKY_DIRECTIONS
 from .blocks import address_of, columns_of, part_of, part_of_rows, stride_of
-from .frame_buffers import FrameBuffers
+from .frame_buffers import FrameBuffers, LitBuffers
 from .frame_model import Layer
 from .frame_nearby import POINTS
 from .frame_parameters import LAMP_COLUMNS, SURFEL_LAMP_COLUMNS
@@ -30,7 +32,7 @@ _DISCS = "vertices", "normals", "area_m2", "radiance_of_surfels"
 _PATCHES = "patch_count", "patch_position", "patch_normal", "patch_area_m2", "emitted"
 
 
-def add_shadows(frame: FrameBuffers) -> None:
+def add_shadows(frame: LitBuffers) -> None:
     """Add the shadows of all views: of the sky and of lamps, at rays and at surfels."""
     model, shape = frame.model, frame.shape
     vertices, views = len(model.albedo), shape.views
@@ -51,7 +53,7 @@ def add_shadows(frame: FrameBuffers) -> None:
     _add_look_ups(frame, seen)
 
 
-def _add_look_ups(frame: FrameBuffers, seen: tuple[str, ...]) -> None:
+def _add_look_ups(frame: LitBuffers, seen: tuple[str, ...]) -> None:
     """Add what views see of points, and name the parts of it."""
     shape, vertices = frame.shape, len(frame.model.albedo)
     rays, surfels, patch_sky = shape.view_groups[1:4]
@@ -86,29 +88,39 @@ def _block_of(values: wp.array, row: int, column: int, rows: int, columns: int) 
     return wp.array(ptr=at, dtype=wp.float32, shape=(rows, columns), strides=strides, device=values.device)
 
 
-def add_decoder(frame: FrameBuffers) -> None:
+def add_decoder(frame: LitBuffers) -> None:
     """Add the decoding of rays."""
-    rays, width = frame.shape.rays, frame.model.field.config.width
-    rows = rays + int(ROWS)
-    near = frame.model.field.near_channels
-    inputs = frame.new("decoder_inputs", frame.half, rows, 64)
+    rays, near = frame.shape.rays, frame.model.field.near_channels
+    inputs = new_decoder_inputs(frame)
     frame.named("cells", part_of(frame["towards"], 0, SKY_DIRECTIONS))
     at = "view_direction", "normal", "cells", "open_sky"
     frame.add(decoder_inputs, rays, "ray_count", "channels", "alpha", near, *at, inputs)
-    frame.constant("every_row", np.ones((rows, 1)), wp.float32)
-    hidden = [frame.new(f"hidden{number}", frame.half, rows, width) for number in range(2)]
-    answers = *hidden, frame.new("raw", wp.float32, rows, 64)
-    tiles, values = -(-rays // int(ROWS)), inputs
-    for layer, answer in zip(frame.networks.decoder, answers, strict=True):
-        add_products(frame, tiles, layer, ("ray_count", 0, "one_tap"), values, "every_row", answer)
-        values = answer
+    add_decoder_layers(frame, inputs)
     channels = COEFFICIENTS + RELIGHTABLE_FEATURES
     frame.new("low", wp.float32, rays, channels)
     frame.add(decode_rays, (rays, channels), "ray_count", COEFFICIENTS, "raw", "alpha", "low")
 
 
+def new_decoder_inputs(frame: FrameBuffers[Any, Any]) -> wp.array:
+    """Make the rows of what goes into the decoder, as wide as its first layer."""
+    return frame.new("decoder_inputs", frame.half, frame.shape.rays + int(ROWS), frame.networks.decoder[0].inputs)
+
+
+def add_decoder_layers(frame: FrameBuffers[Any, Any], inputs: wp.array) -> None:
+    """Add the decoder's layers, from its inputs to `raw`."""
+    rays = frame.shape.rays
+    rows, layers = rays + int(ROWS), frame.networks.decoder
+    frame.constant("every_row", np.ones((rows, 1)), wp.float32)
+    hidden = [frame.new(f"hidden{number}", frame.half, rows, layer.outputs) for number, layer in enumerate(layers[:-1])]
+    answers = *hidden, frame.new("raw", wp.float32, rows, layers[-1].outputs)
+    tiles, values = -(-rays // int(ROWS)), inputs
+    for layer, answer in zip(layers, answers, strict=True):
+        add_products(frame, tiles, layer, ("ray_count", 0, "one_tap"), values, "every_row", answer)
+        values = answer
+
+
 def add_products(
-    frame: FrameBuffers,
+    frame: FrameBuffers[Any, Any],
     tiles: int,
     layer: Layer,
     rows: tuple[str, int, str],
@@ -126,7 +138,7 @@ def add_products(
     frame.sequence.add(multiply_rows_plainly, dim, *given, answer)
 
 
-def add_light(frame: FrameBuffers) -> None:
+def add_light(frame: LitBuffers) -> None:
     """Add the light features of rays, smoothed over neighbours on the same surface."""
     shape, vertices = frame.shape, len(frame.model.albedo)
     of_sky = "towards", "flux"
@@ -157,7 +169,7 @@ def add_light(frame: FrameBuffers) -> None:
     frame.add(mean_over_surface, shape.rays, "ray_count", *of_rays, 1, "light", "smooth_light")
 
 
-def _name_features(frame: FrameBuffers) -> None:
+def _name_features(frame: LitBuffers) -> None:
     """Make the rows of features, and name their columns as `LightFeatures` does."""
     at = ray_row_columns(frame.shape.lamps)
     columns = at["reflected"].stop
@@ -173,7 +185,7 @@ def _name_features(frame: FrameBuffers) -> None:
     frame.named("reflected", columns_of(light, at["reflected"].start, wp.vec3, ()))
 
 
-def _add_patches(frame: FrameBuffers) -> None:
+def _add_patches(frame: LitBuffers) -> None:
     """Add what patches receive of the light and of the hand, what they reflect, and what surfels receive of that."""
     vertices, parts = len(frame.model.albedo), frame.lanes
     _name_tables(frame)
@@ -194,14 +206,14 @@ def _add_patches(frame: FrameBuffers) -> None:
     frame.add(reflect_on_surfels, vertices, "vertices", "normals", "albedo", *of_patches, "radiance_of_surfels")
 
 
-def _name_tables(frame: FrameBuffers) -> None:
+def _name_tables(frame: LitBuffers) -> None:
     nearest, weights = sky_cells(frame.model.albedo.device)
     frame.constant("sky_cell", nearest, wp.int64)
     frame.constant("sky_weight", weights, wp.float32)
     frame.constant("white", np.ones((POINTS, 3)), wp.vec3)
 
 
-def _add_near_rays(frame: FrameBuffers) -> None:
+def _add_near_rays(frame: LitBuffers) -> None:
     """Add the light of patches on rays to what they receive of the rest."""
     at = "position", "normal", "relief_normal", "view_direction"
     of_patches = *_PATCHES, "open_sky", "sky_cell", "sky_weight"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import cos, pi, sin
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -15,7 +16,7 @@ from ...light.prefiltered_environment import PrefilteredEnvironment
 from ...surface.blood import JointBlood
 from ...surface.detail_mesh import faces_around
 from ...surface.hole_filling import DIRECTIONS, RINGS_PX
-from ..lit_frames import FrameModel
+from ..whole_frames import FrameModel, LitModel
 from .field_stages import FlatField
 from .kernels.tiles import COLUMNS, DEPTH
 
@@ -29,9 +30,19 @@ class Layer(NamedTuple):
     kept: float
 
     @property
+    def inputs(self) -> int:
+        """Columns of what it reads."""
+        return self.weight.shape[1]
+
+    @property
+    def outputs(self) -> int:
+        """Columns of what it fills: whole tiles."""
+        return self.weight.shape[2]
+
+    @property
     def blocks(self) -> int:
         """Tiles side by side."""
-        return self.weight.shape[2] // int(COLUMNS)
+        return self.outputs // int(COLUMNS)
 
 
 class Networks(NamedTuple):
@@ -41,7 +52,13 @@ class Networks(NamedTuple):
     superres: tuple[Layer, ...]
 
 
-class DeviceModel(NamedTuple):
+Model = TypeVar("Model", bound=FrameModel)
+Tables = dict[str, tuple[Any, Any]]
+"""Name -> (values, Warp's type of an element)."""
+
+
+@dataclass(frozen=True)
+class DeviceModel(Generic[Model]):
     """A model on a device, whatever the shape of its frames.
 
     Attributes:
@@ -51,15 +68,17 @@ class DeviceModel(NamedTuple):
         networks: in the device's precision.
     """
 
-    model: FrameModel
+    model: Model
     device: str
     tables: dict[str, wp.array]
     networks: Networks
 
     @classmethod
-    def of(cls, model: FrameModel, device: str) -> DeviceModel:
-        """Copy a model to a device."""
-        return cls(model, device, tables_of(model, device), networks_of(model, precision_on(device), device))
+    def of(cls, model: Model, own: Tables, device: str) -> DeviceModel[Model]:
+        """Copy a model, and tables that its kind of frame has alone, to a device."""
+        given = {**shared_tables(model), **own}
+        tables = {name: device_array(values, kind, device) for name, (values, kind) in given.items()}
+        return cls(model, device, tables, networks_of(model, precision_on(device), device))
 
 
 def precision_on(device: str) -> Any:
@@ -124,21 +143,11 @@ def rings_around() -> np.ndarray:
 
 
 @torch.no_grad()
-def tables_of(model: FrameModel, device: str) -> dict[str, Any]:
-    """Copy the tables of a model to a device, by the names by which frames look for them."""
-    skin, topology, template, maps = model.template.skin, model.topology, model.template, model.maps
-    vertices, coarse = len(skin.v_template), template.coarse_faces
-    start, around = faces_around(topology.faces, vertices)
-    flat = FlatField.of(model.field)
-    blood = JointBlood(torch.zeros(0), torch.zeros(3)) if model.joint_blood is None else model.joint_blood
-    given: dict[str, tuple[Any, Any]] = {
-        "template": (skin.v_template, wp.vec3),
-        "shapedirs": (skin.shapedirs, wp.float32),
-        "posedirs": (skin.posedirs, wp.float32),
-        "lbs_weights": (skin.lbs_weights, wp.float32),
-        "arm_weights": (skin.arm_weights, wp.float32),
-        "parents": (np.array(skin.parents, np.int32), wp.int32),
-        "mirror": (template.mirror[None], wp.vec3),
+def shared_tables(model: FrameModel) -> Tables:
+    """List the tables of frames of every kind: the mesh and the field of planes."""
+    topology, flat = model.topology, FlatField.of(model.field)
+    start, around = faces_around(topology.faces, model.vertices)
+    return {
         "faces": (topology.faces, wp.int64),
         "corner_uv": (topology.corner_uv, wp.float32),
         "neighbours": (topology.neighbours, wp.int64),
@@ -148,16 +157,49 @@ def tables_of(model: FrameModel, device: str) -> dict[str, Any]:
         "frame_weights": (topology.frames.weights, wp.float32),
         "frame_template": (topology.frames.template, wp.mat33),
         "skinning": (model.skinning.lbs_weights, wp.float32),
+        "planes": (flat.table, wp.float32),
+        "planes_layout": (flat.layout, wp.int32),
+        "texels_m": (flat.texels_m, wp.float32),
+        "near_weight": (flat.near_weight, wp.float32),
+        "near_bias": (flat.near_bias, wp.float32),
+        "density_weight": (flat.density_weight, wp.float32),
+        "density_bias": (flat.density_bias, wp.float32),
+        "one_tap": (np.zeros(1, np.int32), wp.int32),
+    }
+
+
+@torch.no_grad()
+def lit_tables(model: LitModel) -> Tables:
+    """List the tables of lit frames alone: the avatar's surface, its detail, and light."""
+    skin, topology, template, maps = model.template.skin, model.topology, model.template, model.maps
+    coarse = template.coarse_faces
+    raised = model.raised
+    blood = JointBlood(torch.zeros(0), torch.zeros(3)) if model.joint_blood is None else model.joint_blood
+    given: Tables = {
+        "template": (skin.v_template, wp.vec3),
+        "shapedirs": (skin.shapedirs, wp.float32),
+        "posedirs": (skin.posedirs, wp.float32),
+        "lbs_weights": (skin.lbs_weights, wp.float32),
+        "arm_weights": (skin.arm_weights, wp.float32),
+        "parents": (np.array(skin.parents, np.int32), wp.int32),
+        "mirror": (template.mirror[None], wp.vec3),
         "albedo": (model.albedo, wp.vec3),
         "fine_faces": (template.faces, wp.int64),
         "fine_uv": (template.corner_uv, wp.float32),
         "fine_start": (template.around[0], wp.int64),
         "fine_around": (template.around[1], wp.int64),
         "offset_m": (template.offset_m, wp.vec3),
+        "resting_m": (1e-3 * raised.resting_mm, wp.float32),
+        "raised_start": (raised.start, wp.int64),
+        "raised_part": (raised.part, wp.int32),
+        "raised_m": (1e-3 * raised.height_mm, wp.float32),
         "rest_normals": (template.normals, wp.vec3),
         "bone_of_face": (template.bones.of_face, wp.int8),
         "apart": (template.bones.apart, wp.bool),
-        "casting_faces": (torch.cat([topology.faces, coarse + vertices, template.faces + vertices]), wp.int64),
+        "casting_faces": (
+            torch.cat([topology.faces, coarse + model.vertices, template.faces + model.vertices]),
+            wp.int64,
+        ),
         "maps": (maps.table, wp.int8),
         "maps_first": (np.array([first for first, _ in maps.levels], np.int64), wp.int64),
         "pigment_colour": (np.array(maps.pigment_colour, np.float32), wp.float32),
@@ -166,16 +208,8 @@ def tables_of(model: FrameModel, device: str) -> dict[str, Any]:
         "drains_log_albedo": (blood.log_albedo, wp.float32),
         "ratio": (np.zeros((0, 3), np.int8) if maps.ratio is None else maps.ratio.table, wp.int8),
         "ratio_first": (np.zeros(1, np.int64) if maps.ratio is None else np.array(maps.ratio.first_rows), wp.int64),
-        "planes": (flat.table, wp.float32),
-        "planes_layout": (flat.layout, wp.int32),
-        "texels_m": (flat.texels_m, wp.float32),
-        "near_weight": (flat.near_weight, wp.float32),
-        "near_bias": (flat.near_bias, wp.float32),
-        "density_weight": (flat.density_weight, wp.float32),
-        "density_bias": (flat.density_bias, wp.float32),
         "rings": (rings_around(), wp.int32),
         "lobes": (PrefilteredEnvironment.of(None, "cpu").lobes, wp.float32),
-        "one_tap": (np.zeros(1, np.int32), wp.int32),
     }
     for number, level in enumerate(template.levels):
         given |= {
@@ -183,4 +217,4 @@ def tables_of(model: FrameModel, device: str) -> dict[str, Any]:
             f"level{number}_column": (level.column, wp.int64),
             f"level{number}_weight": (level.weight, wp.float32),
         }
-    return {name: device_array(values, kind, device) for name, (values, kind) in given.items()}
+    return given

@@ -8,7 +8,7 @@ import warp as wp
 
 from ...light.nearby_geometry import MOST_PATCHES, MOST_POINTS, Patches
 from ...light.shadow_maps import LAMP_MAP_PX, SKY_MAP_PX
-from ..lit_frames import LitShot
+from ..whole_frames import LitShot
 from .blocks import HostBlock, Layout
 from .frame_shape import FrameShape
 

@@ -18,7 +18,7 @@ from ...image.edge_avoiding_filter import OFF_PLANE_M
 from ...light.prefiltered_environment import SIDE, WIDTHS
 from ...surface.detail_maps import BUMP, SLOPE_STEP_MM
 from ...surface.edge_antialiasing import STEP_M, STEP_PX
-from ..lit_frames import FrameModel, LitShot
+from ..whole_frames import LitModel, LitShot
 from .blocks import HostBlock, Layout
 from .frame_nearby import fill_nearby, nearby_layout
 from .frame_shape import FrameShape
@@ -43,7 +43,18 @@ SURFEL_LAMP_COLUMNS = tuple(f"surfel_{name}" for name in LAMP_COLUMNS)
 """The same, at surfels."""
 
 
-def parameter_layout(model: FrameModel, shape: FrameShape) -> Layout:
+CAMERA: Layout = {
+    "K": (wp.float32, (3, 3)),
+    "full_K": (wp.float32, (3, 3)),
+    "world2cam": (wp.float32, (4, 4)),
+    "view": (wp.vec3, (4,)),
+    "full_view": (wp.vec3, (4,)),
+    "window": (wp.int32, (2,)),
+}
+"""Of the rays and of the image; and how many columns and rows have rays."""
+
+
+def parameter_layout(model: LitModel, shape: FrameShape) -> Layout:
     """Lay out the parameters of frames of one shape."""
     vertices, fine, views = len(model.albedo), len(model.template.offset_m), shape.views
     joints = len(model.template.skin.parents)
@@ -55,15 +66,10 @@ def parameter_layout(model: FrameModel, shape: FrameShape) -> Layout:
         "rest_joints": (wp.vec3, (joints,)),
         "beta": (wp.float32, (model.template.skin.shapedirs.shape[2],)),
         "joint_pose": (wp.float32, (joints, 9)),
-        "height_m": (wp.float32, (fine,)),
+        "raised_shares": (wp.float32, (model.raised.parts,)),
         "flex": (wp.float32, (vertices,)),
-        "K": (wp.float32, (3, 3)),
-        "full_K": (wp.float32, (3, 3)),
-        "world2cam": (wp.float32, (4, 4)),
-        "view": (wp.vec3, (4,)),
-        "full_view": (wp.vec3, (4,)),
+        **CAMERA,
         **{name: (wp.float32, (count,)) for name, count in _CONSTANTS.items()},
-        "window": (wp.int32, (2,)),
         "frames": (wp.mat33, (views,)),
         "distance": (wp.float32, (views,)),
         "table": (wp.int32, (views, 10)),
@@ -100,11 +106,11 @@ _CONSTANTS = {
 
 
 def fill_parameters(
-    host: HostBlock, model: FrameModel, shape: FrameShape, shot: LitShot, last: LitShot | None = None
+    host: HostBlock, model: LitModel, shape: FrameShape, shot: LitShot, last: LitShot | None = None
 ) -> None:
     """Fill the parameters of a frame; what the last one had as the same tensors is left as it is."""
     _fill_pose(host, model, shot, last)
-    _fill_camera(host, shot.camera)
+    fill_camera(host, shot.camera)
     host["window"][:] = shot.window_px
     for name, values in _constants(model, shot).items():
         host[name][:] = values
@@ -117,10 +123,15 @@ def fill_parameters(
     fill_views(host, model, shape, shot, last)
 
 
-def _fill_pose(host: HostBlock, model: FrameModel, shot: LitShot, last: LitShot | None) -> None:
+def _fill_pose(host: HostBlock, model: LitModel, shot: LitShot, last: LitShot | None) -> None:
     skin, pose = model.template.skin, shot.pose
     named = {"theta": pose.theta, "forearm": pose.forearm[None], "transl": pose.transl[None], "beta": pose.beta}
-    named |= {"vertices": shot.vertices, "joint_pose": shot.joint_pose, "height_m": shot.height_m, "flex": shot.flex}
+    named |= {
+        "vertices": shot.vertices,
+        "joint_pose": shot.joint_pose,
+        "raised_shares": shot.raised_shares,
+        "flex": shot.flex,
+    }
     for name, values in named.items():
         host[name][:] = values
     if last is not None and np.array_equal(pose.beta, last.pose.beta):
@@ -129,24 +140,41 @@ def _fill_pose(host: HostBlock, model: FrameModel, shot: LitShot, last: LitShot 
     host["rest_joints"][:] = skin.J_regressor.numpy() @ shaped
 
 
-def _fill_camera(host: HostBlock, camera: CameraTensors) -> None:
-    K, world2cam = camera.K.double().numpy(), camera.world2cam.double().numpy()
+def fill_camera(host: HostBlock, camera: CameraTensors) -> None:
+    """Fill the camera of rays, and that of the image, twice as large."""
+    K, world2cam = camera.K.numpy(), camera.world2cam.numpy()
+    axes = camera_axes(K, world2cam)
     host["world2cam"][:] = world2cam
-    for name, matrix in (("", K), ("full_", np.diag([2.0, 2, 1]) @ K)):
-        host[f"{name}K"][:] = matrix
-        host[f"{name}view"][:] = camera_axes(matrix, world2cam)
+    host["K"][:], host["view"][:] = K, axes
+    host["full_K"][:], host["full_view"][:] = K, axes
+    host["full_K"][:2] *= 2
+    host["full_view"][1:3] /= 2
 
 
 def camera_axes(K: Float[np.ndarray, "3 3"], world2cam: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 3"]:
-    """Compute a camera's centre, m, and the directions of a column, of a row, and of pixel (0, 0), world."""
-    turn, offset = world2cam[:3, :3], world2cam[:3, 3]
-    return np.concatenate([-(turn.T @ offset)[None], (turn.T @ np.linalg.inv(K)).T])
+    """Compute a camera's centre, m, and the directions of a column, of a row, and of pixel (0, 0), world.
+
+    K is inverted by hand, as `field.rays.camera_tensors` says why; it is an upper triangle that ends in 1.
+    """
+    turn, offset = world2cam[:3, :3].astype(np.float64), world2cam[:3, 3].astype(np.float64)
+    (focal, skew, column), (_, tall, row), _ = K.tolist()
+    inverse = [[1 / focal, -skew / (focal * tall), (skew * row / tall - column) / focal], [0, 1 / tall, -row / tall]]
+    axes = np.empty((4, 3))
+    axes[0] = -(turn * offset[:, None]).sum(0)
+    axes[1:] = (np.array([*inverse, [0, 0, 1]])[:, :, None] * turn[:, None]).sum(0)
+    return axes
 
 
-def _constants(model: FrameModel, shot: LitShot) -> dict[str, Any]:
+def focal_of(camera: CameraTensors) -> float:
+    """Return its `focal_px`, without torch."""
+    K = camera.K.numpy()
+    return float(np.sqrt(abs(K[0, 0] * K[1, 1])))
+
+
+def _constants(model: LitModel, shot: LitShot) -> dict[str, Any]:
     """Compute what kernels take as constants of a view."""
     scale, maps = shot.scale, model.maps
-    focal_px = float(shot.camera.focal_px)
+    focal_px = focal_of(shot.camera)
     texel_m, slope = scale * maps.texel_m, scale * (-BUMP * 1e-3 * maps.resolution * SLOPE_STEP_MM)
     finer_by = 0.0 if maps.ratio is None else float(np.log2(maps.ratio.resolution / maps.resolution))
     return {

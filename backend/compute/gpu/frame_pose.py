@@ -6,9 +6,9 @@ import numpy as np
 import warp as wp
 
 from .blocks import address_of, part_of, stride_of
-from .frame_buffers import FrameBuffers
+from .frame_buffers import LitBuffers
 from .frame_nearby import POINTS
-from .kernels.detail import fine_vertices, finer_field, vertex_normals
+from .kernels.detail import finer_field, raised_vertices, vertex_normals
 from .kernels.hits import project_layers
 from .kernels.raster import find_fronts, normals_at, project_vertices
 from .kernels.skinning import joint_motions, mesh_surface, skin_vertices, vertex_conditions
@@ -21,7 +21,7 @@ _LANES = 1
 """Threads that share the pixels of a face: the surface's are as small as these."""
 
 
-def add_pose(frame: FrameBuffers) -> None:
+def add_pose(frame: LitBuffers) -> None:
     """Add the posing of the mesh and of the surface over it."""
     vertices, skin = len(frame.model.albedo), frame.model.template.skin
     joints = len(skin.parents)
@@ -47,7 +47,7 @@ def on_pose_bits() -> int:
     return int(np.float32(ON_POSE_M).view(np.int32))
 
 
-def _add_surface(frame: FrameBuffers, motion: wp.array) -> None:
+def _add_surface(frame: LitBuffers, motion: wp.array) -> None:
     """Add the subdivision of the mesh and the surface's vertices, which follow the mesh's among what casts shadows."""
     vertices, fine = len(frame.model.albedo), len(frame.model.template.offset_m)
     values = motion
@@ -60,7 +60,8 @@ def _add_surface(frame: FrameBuffers, motion: wp.array) -> None:
     frame.named("fine", part_of(casters, vertices, fine))
     frame.new("fine_normals", wp.vec3, fine)
     frame.named("fine_flex", column_of(values, FLEX))
-    frame.add(fine_vertices, fine, values, "offset_m", "rest_normals", "height_m", "fine")
+    raised = "raised_shares", "raised_start", "raised_part", "raised_m", "resting_m"
+    frame.add(raised_vertices, fine, values, "offset_m", "rest_normals", *raised, "fine")
     frame.add(vertex_normals, fine, "fine", "fine_faces", "fine_start", "fine_around", "fine_normals")
 
 
@@ -75,7 +76,7 @@ def column_of(rows: wp.array, column: int) -> wp.array:
     )
 
 
-def add_views(frame: FrameBuffers) -> None:
+def add_views(frame: LitBuffers) -> None:
     """Add what the pixels of both images show of the surface, and what those of rays show of the mesh."""
     (width, height), vertices = frame.shape.size_px, len(frame.model.albedo)
     fine, rays = len(frame.model.template.offset_m), frame.shape.rays

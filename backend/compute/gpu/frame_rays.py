@@ -2,26 +2,38 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 import warp as wp
 
 from ...field.sampler import strata
 from .blocks import part_of
-from .frame_buffers import RAYS, FrameBuffers
+from .frame_buffers import RAYS, FrameBuffers, LitBuffers
 from .kernels.hits import list_rays, meet_skin
 from .kernels.planes import gather_samples, sum_samples, weigh_samples
 from .kernels.shell import face_corners, fill_intervals, find_crossings, trace_samples
 
 
-def add_rays(frame: FrameBuffers) -> None:
-    """Add the rays: their list, their samples, and the field at these."""
-    _add_shell(frame)
-    _add_samples(frame)
-    _add_field(frame)
+def add_rays(frame: LitBuffers) -> None:
+    """Add the rays: their list, their samples, the field at these, and where they meet the skin."""
+    add_sampled_rays(frame)
     _add_hits(frame)
 
 
-def _add_shell(frame: FrameBuffers) -> None:
+def add_sampled_rays(frame: FrameBuffers[Any, Any], transparent: float = 0.0) -> None:
+    """Add the rays of frames of any kind: their list, their samples, and the field at these.
+
+    Args:
+        frame: to which they are added.
+        transparent: as `weigh_samples` takes it.
+    """
+    _add_shell(frame)
+    _add_samples(frame)
+    _add_field(frame, transparent)
+
+
+def _add_shell(frame: FrameBuffers[Any, Any]) -> None:
     (width, height), pixels, faces = frame.shape.size_px, frame.shape.rays, len(frame.model.topology.faces)
     for name, kind in (("crossing_m", wp.float32), ("crossing_face", wp.int32), ("start_m", wp.float32)):
         frame.new(name, kind, frame.capacity, pixels)
@@ -42,7 +54,7 @@ def _add_shell(frame: FrameBuffers) -> None:
     frame.add(list_rays, pixels, "live", "stopped", "view", width, "window", "hit_m", pixels, *found)
 
 
-def _add_samples(frame: FrameBuffers) -> None:
+def _add_samples(frame: FrameBuffers[Any, Any]) -> None:
     rays, samples, width = frame.shape.rays, frame.model.sampler.samples_per_ray, frame.shape.size_px[0]
     faces = len(frame.model.topology.faces)
     frame.new("corners", wp.vec3, faces, 3)
@@ -60,7 +72,7 @@ def _add_samples(frame: FrameBuffers) -> None:
     frame.add(trace_samples, rays, *of_rays, *lists, *surface, "t", "dt", *found)
 
 
-def _add_field(frame: FrameBuffers) -> None:
+def _add_field(frame: FrameBuffers[Any, Any], transparent: float) -> None:
     rays, samples = frame.shape.rays, frame.model.sampler.samples_per_ray
     channels = frame.model.field.gathered_channels
     frame.new("gathered", wp.float32, rays * samples, channels)
@@ -72,12 +84,12 @@ def _add_field(frame: FrameBuffers) -> None:
         frame.new(name, wp.float32, rays)
     frame.new("weights", wp.float32, rays, samples)
     frame.new("channels", wp.float32, rays, channels)
-    steps = "sigma", "t", "dt", "directions", "is_stopped", "units"
+    steps = "sigma", "t", "dt", "directions", "is_stopped", "units", transparent
     frame.add(weigh_samples, rays, "ray_count", *steps, "alpha", "mean_depth", "weights")
     frame.add(sum_samples, (rays, channels), "ray_count", "gathered", "weights", "channels")
 
 
-def _add_hits(frame: FrameBuffers) -> None:
+def _add_hits(frame: LitBuffers) -> None:
     rays, width = frame.shape.rays, frame.shape.size_px[0]
     frame.new("corner", wp.int64, rays, 3)
     frame.new("corner_weight", wp.float32, rays, 3)

@@ -7,18 +7,33 @@ from itertools import accumulate
 
 from ...light.shadow_maps import CELL_MAP_PX, LAMP_MAP_PX, SKY_MAP_PX, SOFT_MAP_PX, SURFEL_MAP_PX
 from ...light.sky_samples import SKY_DIRECTIONS
-from ..lit_frames import LitShot
+from ..whole_frames import LitShot
 
 EDGE_SHARE = 0.125
 """Of the pixels of an image, how many may show two parts of a hand; most that was seen: 0.05."""
 
 
 @dataclass(frozen=True)
-class FrameShape:
-    """The sizes of a frame: frames of one shape share buffers, and a recorded sequence.
+class ImageShape:
+    """The size of a frame's rays: frames of one shape share buffers, and a recorded sequence.
 
     Attributes:
         size_px: of the rays' image.
+    """
+
+    size_px: tuple[int, int]
+
+    @property
+    def rays(self) -> int:
+        """Most rays: one for each pixel of their image."""
+        return self.size_px[0] * self.size_px[1]
+
+
+@dataclass(frozen=True)
+class FrameShape(ImageShape):
+    """The sizes of a lit frame.
+
+    Attributes:
         sky: directions.
         samples: of all lamps.
         hard: of these, of lamps whose shadows have edges.
@@ -31,7 +46,6 @@ class FrameShape:
         is_pressed: whether skin is, anywhere.
     """
 
-    size_px: tuple[int, int]
     sky: int
     samples: int
     hard: int
@@ -51,7 +65,7 @@ class FrameShape:
             size_px=shot.camera.size_px,
             sky=len(sky.towards),
             samples=len(lamps.lamp),
-            hard=int(lamps.is_hard.sum()),
+            hard=int(shot.is_hard.sum()),
             lamps=len(lamps.rgb),
             at_surfels=len(shot.at_surfels.lamp),
             has_fine_shadows=shot.has_fine_shadows,
@@ -60,11 +74,6 @@ class FrameShape:
             has_hairs=shot.hairs > 0,
             is_pressed=shot.pressed is not None,
         )
-
-    @property
-    def rays(self) -> int:
-        """Most rays: one for each pixel of their image."""
-        return self.size_px[0] * self.size_px[1]
 
     @property
     def edges(self) -> int:

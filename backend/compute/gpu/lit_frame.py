@@ -6,31 +6,33 @@ list overflows, a flag says so that comes back with the pixels, and the frame mu
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from typing import Any
 
 import warp as wp
 
-from ..lit_frames import FrameModel, LitShot, ShotPixels
-from .frame_buffers import FrameBuffers
+from ...surface.detail_mesh import SAMPLES
+from ..whole_frames import LitModel, LitShot, ShotPixels
+from .blocks import Layout
+from .frame_buffers import FrameBuffers, Layouts, LitBuffers, answer_layout, padded_layout
 from .frame_image import add_colours, add_coverage, add_pixels, add_superres
 from .frame_light import add_decoder, add_light, add_shadows
-from .frame_model import DeviceModel
-from .frame_parameters import fill_parameters
+from .frame_model import DeviceModel, lit_tables, precision_on
+from .frame_parameters import fill_parameters, parameter_layout
 from .frame_pose import add_pose, add_views
 from .frame_rays import add_rays
 from .frame_shape import FrameShape
+from .kept_frames import KeptFrames
 from .ray_stages import CAPACITY
-
-_MOST_KEPT = 4
-_NO_MEMORY = "Failed to allocate"  # as Warp says it
 
 
 class LitFrame:
     """Frames of one shape: buffers, and the sequence over them."""
 
-    def __init__(self, model: DeviceModel, shape: FrameShape) -> None:
-        self.buffers, self._last = FrameBuffers(model, shape, CAPACITY), None
-        frame = self.buffers
+    def __init__(self, on_device: DeviceModel[LitModel], shape: FrameShape) -> None:
+        model = on_device.model
+        layouts = lit_layouts(parameter_layout(model, shape), model, shape, precision_on(on_device.device))
+        frame: LitBuffers = FrameBuffers(on_device, shape, layouts, CAPACITY)
+        self.buffers, self._last = frame, None
         frame.add_begin()
         add_pose(frame)
         add_views(frame)
@@ -49,39 +51,45 @@ class LitFrame:
         frame = self.buffers
         fill_parameters(frame.host, frame.model, frame.shape, shot, self._last)
         self._last = shot
-        frame.sequence.run()
-        wp.synchronize_device(frame.device)
-        if frame.answer["overflow"][0]:
-            return None
-        width, height = frame.shape.size_px
-        size = 2 * height, 2 * width
-        rgb, alpha, depth = (frame.answer[name] for name in ("rgb", "pixel_alpha", "pixel_depth"))
-        return ShotPixels(rgb.reshape(*size, 3), alpha.reshape(size), depth.reshape(size))
+        return frame.rendered()
 
 
-class LitFrames:
-    """Renders lit frames of a model in any shape, one at a time; it keeps the buffers of the last few."""
+def lit_frames(model: LitModel, device: str) -> KeptFrames[LitShot, FrameShape, ShotPixels]:
+    """Return what renders lit frames of a model in any shape."""
+    on_device = DeviceModel.of(model, lit_tables(model), device)
+    return KeptFrames(lambda shot: FrameShape.of(shot), lambda shape: LitFrame(on_device, shape))
 
-    def __init__(self, model: FrameModel, device: str) -> None:
-        self._model = DeviceModel.of(model, device)
-        self._kept = OrderedDict[FrameShape, LitFrame]()
 
-    def render(self, shot: LitShot) -> ShotPixels | None:
-        """Render a frame, as `LitFrameRenderer.render`; None where the device's memory is too full as well."""
-        try:
-            frame = self.of(FrameShape.of(shot))
-        except RuntimeError as error:
-            if _NO_MEMORY not in str(error):
-                raise
-            self._kept.clear()
-            return None
-        return frame.render(shot)
-
-    def of(self, shape: FrameShape) -> LitFrame:
-        """Return the frames of a shape."""
-        if shape not in self._kept:
-            while len(self._kept) >= _MOST_KEPT:
-                self._kept.popitem(last=False)
-            self._kept[shape] = LitFrame(self._model, shape)
-        self._kept.move_to_end(shape)
-        return self._kept[shape]
+def lit_layouts(parameters: Layout, model: LitModel, shape: FrameShape, half: Any) -> Layouts:
+    """Lay out lit frames."""
+    pixels, hair = 4 * shape.rays, 4 * shape.rays if shape.has_hairs else 0
+    words = {name: (wp.uint64, (shape.rays,)) for name in ("shown_low", "shown_mesh", "shown_outer")}
+    zeros: Layout = {
+        "counts": (wp.int32, (3,)),
+        "has_overflow": (wp.int32, (1,)),
+        "farthest_bits": (wp.int32, (1,)),
+        "crossings": (wp.int32, (shape.rays,)),
+        "sample_bits": (wp.int32, (pixels,)),
+        "values": (wp.float32, (pixels, 18)),
+        "alphas": (wp.float32, (pixels,)),
+        "colours": (wp.vec3, (pixels,)),
+        "longest_bits": (wp.int32, (1,)),
+        "hair_sums": (wp.int64, (hair, 4)),
+        "maps34": (wp.float32, (shape.rays, model.superres.head.in_channels)),
+        **padded_layout(shape, half),
+    }
+    nothing: Layout = {
+        **words,
+        "shown": (wp.uint64, (pixels,)),
+        "samples": (wp.uint64, (shape.edges * len(SAMPLES),)),
+        "row": (wp.int32, (shape.rays,)),
+        "slot": (wp.int32, (pixels,)),
+    }
+    infinity: Layout = {
+        "stop_bits": (wp.int32, (shape.rays,)),
+        "shadow_maps": (wp.int32, (shape.map_cells,)),
+        "bounds": (wp.int32, (shape.views, 4)),
+        "depth_of_rays": (wp.float32, (shape.rays,)),
+        "hair_depth_bits": (wp.int32, (hair,)),
+    }
+    return Layouts(parameters, answer_layout(shape), zeros, nothing, infinity)

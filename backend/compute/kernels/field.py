@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...geometry.tolerances import TRANSPARENT
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
 from .rays import begin_ray, deepest_part, point_at, put_sample
@@ -18,8 +19,7 @@ from .vectors import LANES, blend_texels, window_sums
 _0, _HALF, _1, _2, _MM, _MIN_LENGTH, _MIN_ALPHA = (np.float32(value) for value in (0, 0.5, 1, 2, 1000, 1e-12, 1e-6))
 BLOCK = 4
 """Channels of planes are read in blocks of this many, which fit one register."""
-_TRANSPARENT = np.float32(1 / 256)
-"""A ray whose transmittance is below this (one 8-bit level) counts as opaque."""
+_TRANSPARENT = np.float32(TRANSPARENT)
 _OPAQUE = np.float32(30)
 NORMAL, ROTATION, POSE = 0, 3, 12
 """Where these begin among the vertices' channels."""

@@ -10,10 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...geometry.tolerances import NEAR_M
 from .compiled import compiled, compiled_loosely
 from .compiled import compiled_part as part
 
 _0, _1, _TINY, _NO_AREA, _SMALL_SQUARED = (np.float32(value) for value in (0, 1, 1e-12, 1e-20, 1e-6))
+_NEAR_M, _FAR = np.float32(NEAR_M), np.float32(3e38)
 _HALF, _6TH, _24TH = (np.float32(value) for value in (0.5, 1 / 6, 1 / 24))
 
 
@@ -119,6 +121,41 @@ def mesh_normals(vertices, faces, edges, normals):
         x, y, z = vertices[a, 0] - vertices[b, 0], vertices[a, 1] - vertices[b, 1], vertices[a, 2] - vertices[b, 2]
         total += np.sqrt(x * x + y * y + z * z)
     return total / len(edges)
+
+
+@compiled
+def hand_extent(vertices, edges, world2cam, K, shell_m, edge_length_m, is_orthographic, out):
+    """Fill out [9] as `image.crop.HandExtent`: scale, centre, radius, first, last; returns whether any is before it."""
+    length = 0.0
+    for edge in range(len(edges)):
+        a, b = edges[edge, 0], edges[edge, 1]
+        x, y, z = vertices[a, 0] - vertices[b, 0], vertices[a, 1] - vertices[b, 1], vertices[a, 2] - vertices[b, 2]
+        length += np.sqrt(x * x + y * y + z * z)
+    scale = np.float32(length / len(edges)) / edge_length_m
+    cx, cy, cz = 0.0, 0.0, 0.0
+    for vertex in range(len(vertices)):
+        cx, cy, cz = cx + vertices[vertex, 0], cy + vertices[vertex, 1], cz + vertices[vertex, 2]
+    cx, cy, cz = np.float32(cx / len(vertices)), np.float32(cy / len(vertices)), np.float32(cz / len(vertices))
+    reach = max(abs(K[0, 0]), abs(K[1, 1])) * shell_m * scale
+    far, is_before = _0, False
+    left, top, right, bottom = _FAR, _FAR, -_FAR, -_FAR
+    for vertex in range(len(vertices)):
+        px, py, pz = vertices[vertex, 0], vertices[vertex, 1], vertices[vertex, 2]
+        x, y, z = px - cx, py - cy, pz - cz
+        far = max(far, x * x + y * y + z * z)
+        x = px * world2cam[0, 0] + py * world2cam[0, 1] + pz * world2cam[0, 2] + world2cam[0, 3]
+        y = px * world2cam[1, 0] + py * world2cam[1, 1] + pz * world2cam[1, 2] + world2cam[1, 3]
+        depth = px * world2cam[2, 0] + py * world2cam[2, 1] + pz * world2cam[2, 2] + world2cam[2, 3]
+        if depth > _NEAR_M:
+            is_before = True
+            along = _1 if is_orthographic else depth
+            column = (K[0, 0] * x + K[0, 1] * y + K[0, 2] * along) / along
+            row, around = (K[1, 0] * x + K[1, 1] * y + K[1, 2] * along) / along, reach / along
+            left, top = min(left, column - around), min(top, row - around)
+            right, bottom = max(right, column + around), max(bottom, row + around)
+    out[0], out[1], out[2], out[3], out[4] = scale, cx, cy, cz, np.sqrt(far)
+    out[5], out[6], out[7], out[8] = left, top, right, bottom
+    return is_before
 
 
 @compiled

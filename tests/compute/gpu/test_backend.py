@@ -3,15 +3,25 @@
 import logging
 import subprocess
 import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 import warp as wp
+from livehand.backend.avatars.file import load_avatar
 from livehand.backend.compute.gpu import backend as warp_module
 from livehand.backend.compute.gpu.backend import WarpBackend
+from livehand.backend.compute.cpu.frames_on_gpu import FramesOnGpu
+from livehand.backend.compute.gpu.lit_frame import LitFrame
 from livehand.backend.compute.reference import ReferenceBackend
+from livehand.backend.field.field import PaperField
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.render import backends
+from livehand.backend.render import renderer as renderer_module
+from livehand.backend.render.renderer import Renderer
+
+from .whole_frames import assert_same_frame
 
 CUDA = torch.device("cuda")
 
@@ -25,10 +35,10 @@ def search_again():
 
 
 def test_known_values_are_computed(monkeypatch):
-    warp_module.check_values(torch.device("cpu"))
-    monkeypatch.setattr(warp_module, "launch", lambda *_: None)
+    warp_module.check_values("cpu")
+    monkeypatch.setattr(wp, "launch", lambda *_, **__: None)
     with pytest.raises(LiveHandError, match="axes must be"):
-        warp_module.check_values(torch.device("cpu"))
+        warp_module.check_values("cpu")
 
 
 def test_a_missing_driver_is_named_once_and_torch_renders(monkeypatch, caplog):
@@ -54,6 +64,59 @@ def test_warp_is_chosen_on_a_gpu_that_it_can_use_and_never_on_a_cpu(monkeypatch)
     monkeypatch.setattr(warp_module, "check_gpu", lambda: None)
     assert isinstance(backends.choose_backend(CUDA), WarpBackend)
     assert not isinstance(backends.choose_backend(torch.device("cpu")), WarpBackend)
+
+
+@pytest.fixture
+def on_gpu(monkeypatch, hand):
+    """A renderer of `cuda` where Warp works and torch knows no GPU; the CPU stands for it."""
+    monkeypatch.setattr(renderer_module, "gpu_renderer", lambda: FramesOnGpu("cpu"))
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    return Renderer(load_avatar(), hand, "cuda")
+
+
+@pytest.mark.slow
+def test_rendering_on_a_gpu_needs_no_torch_for_it(on_gpu, first):
+    assert on_gpu.torch_device == torch.device("cpu")
+    assert on_gpu.renders_at_once
+    frame = on_gpu.render(first)
+    with torch.inference_mode():
+        assert np.array_equal(frame.rgb, on_gpu.pipeline.at_once(first).rgb)
+
+
+def test_an_avatar_for_stages_is_torchs_where_torch_knows_the_gpu(on_gpu, monkeypatch):
+    avatar = replace(on_gpu.avatar, field=PaperField())
+    assert isinstance(Renderer(avatar, on_gpu.hand, "cuda")._on_gpu, FramesOnGpu)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert Renderer(avatar, on_gpu.hand, "cuda").torch_device == CUDA
+    assert Renderer(on_gpu.avatar, on_gpu.hand, "cuda", has_skin_detail=False).torch_device == CUDA
+    assert Renderer(on_gpu.avatar, on_gpu.hand, "cuda").torch_device == torch.device("cpu")
+
+
+def test_what_renders_on_a_gpu_is_there_if_warp_works(monkeypatch):
+    monkeypatch.setattr(warp_module, "check_gpu", lambda: None)
+    assert isinstance(backends.gpu_renderer(), FramesOnGpu)
+    assert backends.gpu_renderer().device == "cuda:0"
+    backends.has_warp.cache_clear()
+    monkeypatch.setitem(sys.modules, "warp", None)
+    assert backends.gpu_renderer() is None
+
+
+@pytest.mark.slow
+def test_a_gpu_that_fails_is_named_once_and_the_cpu_renders(on_gpu, theirs, first, monkeypatch, caplog):
+    tried = []
+
+    def broken(*_):
+        tried.append(1)
+        raise RuntimeError("CUDA error 700: an illegal memory access")
+
+    monkeypatch.setattr(LitFrame, "render", broken)
+    with caplog.at_level(logging.WARNING):
+        frames = [on_gpu.render(first) for _ in range(2)]
+    assert len(tried) == 1
+    assert caplog.text.count("error 700") == 1
+    theirs.forget()
+    for frame in frames:
+        assert_same_frame(frame, theirs.render(first))
 
 
 def test_without_warp_nothing_is_said(monkeypatch, caplog):

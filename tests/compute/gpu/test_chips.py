@@ -4,10 +4,12 @@ A kernel that keeps more than registers hold goes to slow local memory, and noth
 are compiled by night; by day one of them, and what reads the files.
 """
 
+import contextlib
 import struct
 
 import pytest
 import warp as wp
+import warp._src.build as build
 from livehand.backend.compute.gpu import ahead
 from livehand.backend.compute.gpu.ahead import (
     COMMON_CHIPS,
@@ -25,7 +27,7 @@ MODULES = kernel_modules()
 BY_DAY = next(name for name in MODULES if name.endswith(".surfels"))
 MOST_REGISTERS = 168  # 384 threads at a time on a multiprocessor of 65,536
 # Of tiles on chips without room for them in fewer: 256 threads at a time, in blocks of 128.
-MOST_OF_TILES = {75: 232}
+MOST_OF_TILES = {75: 232, 120: 255}
 MOST_STACK_BYTES = 64
 # Local arrays, which cannot be registers as their places are not known ahead: a pixel's values of the maps.
 STACK_BYTES = {"add_skin": 256}
@@ -127,8 +129,38 @@ def test_what_is_shipped_is_copied_to_where_warp_looks_for_it_whatever_the_packa
     assert (found.parent / module._get_meta_name()).is_file()
     assert [one.name for one in cache.iterdir()] == [found.parent.name]
     assert use_shipped(shipped) == 0
+    assert not is_compiled(module, 89, monkeypatch)
+    assert is_compiled(module, 86, monkeypatch)
     (cache / found.parent.name / found.name).unlink()
     assert use_shipped(tmp_path / "nothing") == 0
+
+
+class Chip:
+    """What Warp asks of a GPU before it compiles for it."""
+
+    is_cpu, is_cuda, alias = False, True, "cuda:0"
+
+    def __init__(self, arch):
+        self.arch = arch
+
+    def get_cuda_compile_arch(self):
+        return self.arch
+
+    def get_cuda_output_format(self, preferred=None):
+        return "cubin"
+
+    def _get_cuda_arch_suffix(self, arch):
+        return ""
+
+
+def is_compiled(module, arch, monkeypatch):
+    """Whether Warp would compile a module for a GPU, as it loads it."""
+    asked, device = [], Chip(arch)
+    monkeypatch.setattr(build, "build_cuda", lambda *_, **__: asked.append(1))
+    folder = f"{wp.config.kernel_cache_dir}/{module.get_module_identifier()}"
+    with contextlib.suppress(OSError):  # of what was asked for, nothing is there
+        module._compile(device, folder, module._get_compile_output_name(device), arch)
+    return bool(asked)
 
 
 def test_what_was_shipped_for_another_text_is_left(tmp_path, monkeypatch):

@@ -13,7 +13,8 @@ from livehand.backend.avatars.file import load_avatar
 from livehand.backend.compute.gpu import frame_shape, lit_frame
 from livehand.backend.compute.gpu.backend import WarpBackend
 from livehand.backend.compute.gpu.frame_shape import FrameShape
-from livehand.backend.field.field import BakedField, FieldConfig
+from livehand.backend.field.field import BakedField, FieldConfig, PaperField
+from livehand.backend.image.superres import PaperSuperRes, SuperResConfig
 from livehand.backend.records.light import Light, MeasuredLight
 from livehand.backend.render.composition import joined, visible_parts
 from livehand.backend.render.lit_shots import LitShots, reason_for_stages, reason_of_avatar
@@ -255,7 +256,9 @@ def test_what_only_stages_know_is_said(first, hand):
     avatar = load_avatar()
     assert reason_of_avatar(avatar, hand) is None
     assert "surface" in reason_of_avatar(replace(avatar, surface=None), hand)
-    assert "baked" in reason_of_avatar(replace(avatar, field=BakedField(FieldConfig())), hand)
+    assert reason_of_avatar(replace(avatar, field=BakedField(FieldConfig()), surface=None), hand) is None
+    assert "network" in reason_of_avatar(replace(avatar, field=PaperField()), hand)
+    assert "enlarges" in reason_of_avatar(replace(avatar, superres=PaperSuperRes(SuperResConfig())), hand)
     assert "vertices" in reason_of_avatar(avatar, replace(hand, v_template=np.zeros((2049, 3))))
 
 
@@ -273,7 +276,7 @@ def test_measured_light_is_rendered_by_stages_as_the_cpu_does(ours, theirs, firs
 def test_a_left_hand_has_its_own_marks(ours, hand):
     surface = ours.pipeline._shots.surface
     ratio = AlbedoRatio.of(np.random.default_rng(0).integers(-60, 60, (256, 256, 3), dtype=np.int8))
-    marked = LitShots(load_avatar(), hand, replace(surface, left_ratio=ratio), WarpBackend("cpu"))
+    marked = LitShots(load_avatar(), hand, WarpBackend("cpu"), surface=replace(surface, left_ratio=ratio))
     assert marked._model("left").maps.ratio is ratio
     assert marked._model("right").maps.ratio is surface.maps.ratio
 

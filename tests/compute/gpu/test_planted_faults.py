@@ -64,7 +64,7 @@ def scaled(name, factor):
 
 
 WRONG = {
-    "a pose": ("fine_vertices", scaled("fine", 1.01)),
+    "a pose": ("raised_vertices", scaled("fine", 1.01)),
     "a depth of shadows": ("look_up", scaled("depth_in_m", 3.0)),
     "shadows": ("look_up", scaled("lit", 0.8)),
     "the sky that the hand leaves open": ("look_up", scaled("alone", 0.5)),
@@ -160,10 +160,10 @@ CONSTANT = {"light", "decoder_inputs"}
 """The columns of `arriving` are ones from the beginning, and those by which inputs are padded zeros."""
 
 
-def poison(buffers):
+def poison(buffers, constant=CONSTANT):
     """Fill all that a frame is to fill before it is read."""
     for name in buffers.filled:
-        if name not in CONSTANT and buffers[name].size:
+        if name not in constant and buffers[name].size:
             kind = buffers[name].dtype
             is_whole = kind in (wp.int32, wp.int64, wp.bool)
             buffers[name].fill_(1 if is_whole else float("nan"))

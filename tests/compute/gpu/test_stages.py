@@ -105,7 +105,7 @@ def stages():
     return sorted({name for one in above for name in vars(one) if not name.startswith("_")})
 
 
-OTHERWISE = {"lit_frames", "trace", "ray_renderer", "lit_share", "visible_surface"}
+OTHERWISE = {"lit_frames", "baked_frames", "trace", "ray_renderer", "lit_share", "visible_surface"}
 """Which have tests of their own below."""
 
 

@@ -42,19 +42,48 @@ def finer_field(start: Longs, column: Longs, weight: Floats, values: Floats2, fi
     finer[row, channel] = total
 
 
-@kernel
+@part
 @no_type_check
-def fine_vertices(values: Floats2, offset_m: Vectors, normals: Vectors, height_m: Floats, vertices: Vectors):
-    """Fill vertices from their field, their offsets and what rises along their normals at rest."""
-    row = wp.tid()
-    rest = wp.vec3(values[row, 0], values[row, 1], values[row, 2]) + offset_m[row] + height_m[row] * normals[row]
+def _placed(values: Floats2, row: int, rest: wp.vec3) -> wp.vec3:
+    """Move a vertex from its place at rest by the motion in its row of the field."""
     place = wp.vec3()
     for axis in range(3):
         at = _PLACE + 4 * axis
         place[axis] = (
             rest[0] * values[row, at] + rest[1] * values[row, at + 1] + rest[2] * values[row, at + 2]
         ) + values[row, at + 3]
-    vertices[row] = place
+    return place
+
+
+@kernel
+@no_type_check
+def fine_vertices(values: Floats2, offset_m: Vectors, normals: Vectors, height_m: Floats, vertices: Vectors):
+    """Fill vertices from their field, their offsets and what rises along their normals at rest."""
+    row = wp.tid()
+    rest = wp.vec3(values[row, 0], values[row, 1], values[row, 2]) + offset_m[row] + height_m[row] * normals[row]
+    vertices[row] = _placed(values, row, rest)
+
+
+@kernel
+@no_type_check
+def raised_vertices(
+    values: Floats2,
+    offset_m: Vectors,
+    normals: Vectors,
+    shares: Floats,
+    start: Longs,
+    part_of: Ints,
+    raised_m: Floats,
+    resting_m: Floats,
+    vertices: Vectors,
+):
+    """Fill vertices as `fine_vertices`; what rises is listed as `surface.detail_surface.RaisedParts` does."""
+    row = wp.tid()
+    height_m = float(resting_m[row])
+    for entry in range(int(start[row]), int(start[row + 1])):
+        height_m += shares[part_of[entry]] * raised_m[entry]
+    rest = wp.vec3(values[row, 0], values[row, 1], values[row, 2]) + offset_m[row] + height_m * normals[row]
+    vertices[row] = _placed(values, row, rest)
 
 
 @kernel

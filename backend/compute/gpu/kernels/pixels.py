@@ -133,7 +133,8 @@ def step_normals(
 
 @part
 @no_type_check
-def _enlarged_value(maps: Floats3, channel: int, around: wp.vec4i, weights: wp.vec4) -> float:
+def enlarged_value(maps: Floats3, channel: int, around: wp.vec4i, weights: wp.vec4) -> float:
+    """Blend a map between the four pixels about one of its enlargement."""
     width = maps.shape[2]
     value = wp.float32(0.0)
     for k in range(4):
@@ -170,21 +171,21 @@ def enlarge_pixels(
     y = pixel / (2 * width)
     around = neighbours(pixel, width, maps.shape[1])
     weights = bilinear(pixel, width)
-    enlarged = _enlarged_value(maps, last, around, weights)
+    enlarged = enlarged_value(maps, last, around, weights)
     straight = 1.0 / wp.max(enlarged, _MIN_ALPHA)
     at = (y / 2 + border) * stride + x / 2 + border
     corner = 2 * (y % 2) + x % 2
     alpha = enlarged + tail[at, 4 * (_DETAIL - 1) + corner]
     weight = wp.clamp(alpha, _MIN_ALPHA, 1.0)
     for k in range(_COEFFICIENTS):
-        value = _enlarged_value(maps, k, around, weights) * straight
+        value = enlarged_value(maps, k, around, weights) * straight
         if k >= _SMOOTH:
             value += tail[at, 4 * (k - _SMOOTH) + corner]
         values[pixel, k] = wp.max(value, 0.0) * wp.clamp(alpha, 0.0, 1.0)
     camera_normal = wp.vec3()
     for k in range(3):
         camera_normal[k] = (
-            _enlarged_value(maps, last - 3 + k, around, weights) * straight
+            enlarged_value(maps, last - 3 + k, around, weights) * straight
             + tail[at, 4 * (_COEFFICIENTS - _SMOOTH + k) + corner]
         )
     scale = weight / wp.max(wp.length(camera_normal), TINY)

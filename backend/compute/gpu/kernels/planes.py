@@ -172,11 +172,15 @@ def weigh_samples(
     directions: Vectors,
     is_stopped: Bools,
     units: Floats,
+    transparent: float,
     alpha: Floats,
     depth: Floats,
     weights: Floats2,
 ):
-    """Fill what samples [R, N] contribute to their rays, and the rays' alpha and mean depth, m."""
+    """Fill what samples [R, N] contribute to their rays, and the rays' alpha and mean depth, m.
+
+    Where less light is left than `transparent`, a ray ends; if it is to end opaque, its samples then count for all.
+    """
     ray = wp.tid()
     if ray >= count[0]:
         return
@@ -189,13 +193,20 @@ def weigh_samples(
         optical_depth = sigma[ray, index] * step_mm
         if is_stopped[ray] and index == samples - 1:
             optical_depth += _OPAQUE
-        weight = wp.exp(-before) * (1.0 - wp.exp(-optical_depth))
+        weight = wp.float32(0.0)
+        through = wp.exp(-before)
+        if through >= transparent:
+            weight = through * (1.0 - wp.exp(-optical_depth))
         weights[ray, index] = weight
         total += weight
         mean += weight * t[ray, index]
         before += optical_depth
-    alpha[ray] = total
     depth[ray] = mean / wp.max(total, _MIN_ALPHA)
+    if transparent > 0.0 and is_stopped[ray]:
+        for index in range(samples):
+            weights[ray, index] = weights[ray, index] / total
+        total = wp.float32(1.0)
+    alpha[ray] = total
 
 
 @kernel
