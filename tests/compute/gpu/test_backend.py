@@ -10,9 +10,9 @@ import pytest
 import torch
 import warp as wp
 from livehand.backend.avatars.file import load_avatar
+from livehand.backend.compute.cpu.frames_on_gpu import FramesOnGpu
 from livehand.backend.compute.gpu import backend as warp_module
 from livehand.backend.compute.gpu.backend import WarpBackend
-from livehand.backend.compute.cpu.frames_on_gpu import FramesOnGpu
 from livehand.backend.compute.gpu.lit_frame import LitFrame
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.field import PaperField
