@@ -21,6 +21,7 @@ from .brdf import (
     of_even_light,
     on_nail,
     row_of_lobe,
+    share_above,
 )
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
@@ -154,13 +155,12 @@ def relit_pixels(image, sky, lobes, first, last, out):
             x, y, z = x / strength, y / strength, z / strength
             sharp = _bumped(normal, x, y, z, along, surface_normal)
             wide = _bumped(blurred, x, y, z, along_blurred, surface_normal)
-            flat = max(x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2], _0)
-            facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
-            specular = _0
-            if facing_mirror > _0:
-                radius_rad = image.lamp_radius_rad[lamp]
-                ggx(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes, both)
-                specular = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
+            rising = x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2]
+            flat, above, specular = max(rising, _0), share_above(rising, image.lamp_radius_rad[lamp]), _0
+            if above > _0:
+                facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
+                ggx(facing_mirror, x, y, z, mirroring, view, image.lamp_radius_rad[lamp], squared, lobes, both)
+                specular = strength * above * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
                 bent = wide + image.sharpness[c] * (sharp - wide)
                 rgb[c] += image.lamp_rgb[lamp, c] * (strength * weights[DIFFUSE + c] * bent * under + specular)
