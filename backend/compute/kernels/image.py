@@ -107,7 +107,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
     for index in range(first, last):
         if not image.coefficients[index].any():
             continue  # beside the surface
-        _neighbours(len(image.row), image.width, image.pixel[index], at, around)
+        neighbours(len(image.row), image.width, image.pixel[index], at, around)
         for k in range(4):
             ray = image.row[at[k]]
             at[k], around[k] = max(ray, 0), image.share[index, k] if ray >= 0 else _0
@@ -203,7 +203,7 @@ def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, sha
     for index in range(first, last):
         here = pixel[index]
         row, column, depth = here // large, here % large, skin_depth[here]
-        _neighbours(len(depth_of_rays), width, here, at, share)
+        neighbours(len(depth_of_rays), width, here, at, share)
         for k in range(4):
             depths[k] = depth_of_rays[at[k]]
             share[k] = share[k] if depths[k] < np.inf else _0
@@ -225,36 +225,6 @@ def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, sha
             shares[index, k] = own[k]
 
 
-@compiled
-def step_normals(at, share, row, width, of_rays, normal, first, last, out):
-    """Fill out [P, 3] for pixels [first, last) as `image.shading.normals_at_steps`.
-
-    `row` [h * w] is the index among the normals `of_rays` [R, 3] of a low-resolution pixel, -1 for none.
-    """
-    around, even, mean = np.empty(4, np.int64), np.empty(4, np.float32), np.empty(3, np.float32)
-    for index in range(first, last):
-        _neighbours(len(row), width, at[index], around, even)
-        total, off, squared = _0, _0, _0
-        for k in range(4):
-            even[k] = even[k] if row[around[k]] >= 0 else _0
-            total += even[k]
-        for k in range(4):
-            off += abs(share[index, k] - even[k] / total)
-        off = min(off, _1)
-        mean[:] = _0
-        for k in range(4):
-            if row[around[k]] >= 0:
-                for x in range(3):
-                    mean[x] += share[index, k] * of_rays[row[around[k]], x]
-        length = max(np.sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]), TINY)
-        for x in range(3):
-            out[index, x] = (_1 - off) * normal[index, x] + off * mean[x] / length
-            squared += out[index, x] * out[index, x]
-        length = max(np.sqrt(squared), TINY)
-        for x in range(3):
-            out[index, x] /= length
-
-
 @part
 def _guided(share, depths, depth, edge_m, out):
     """Keep the shares of the rays at a depth, or of all if none is there."""
@@ -269,7 +239,7 @@ def _guided(share, depths, depth, edge_m, out):
 
 
 @part
-def _neighbours(count, width, pixel, at, weights):
+def neighbours(count, width, pixel, at, weights):
     """Fill the four low-resolution pixels around a full-size one, and their bilinear weights."""
     height = count // width
     row, column = pixel // (2 * width), pixel % (2 * width)
