@@ -102,7 +102,16 @@ def edge_avoiding_mean(values: Float[Tensor, "R C"], hit_points: RaySurfacePoint
         torch.empty_like(values, memory_format=torch.contiguous_format),
     )
     off_plane_m = values.new_tensor([hit_points.off_plane_m])
-    where = hit_points.pixel, row, width, hit_points.position, hit_points.normal, off_plane_m, stride
+    where = (
+        hit_points.pixel,
+        row,
+        width,
+        hit_points.position,
+        hit_points.normal,
+        off_plane_m,
+        stride,
+        values.new_empty(0),
+    )
     launch(mean_over_surface, len(values), *where, values, means)
     return means
 

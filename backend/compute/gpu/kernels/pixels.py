@@ -10,6 +10,7 @@ from ....image.depth_steps import LEAST_OPACITY
 from ....image.edge_avoiding_filter import FACING_POWER, SHARES
 from ....image.shading import MIN_ALPHA
 from ....image.superres import RELIGHTABLE_DETAIL
+from ....light.lamp_samples import HARD_RAD
 from ....light.lighting import COEFFICIENTS, SMOOTH
 from .compiled import Floats, Floats2, Floats3, Ints, Longs, Vectors, kernel, part
 from .lobes import TINY
@@ -17,7 +18,7 @@ from .lobes import TINY
 _LEAST_SHARE, _OF_PIXEL, _OF_NEXT = wp.constant(0.01), wp.constant(0.5), wp.constant(0.125)
 _MIN_ALPHA, _COEFFICIENTS, _SMOOTH = wp.constant(MIN_ALPHA), wp.constant(COEFFICIENTS), wp.constant(SMOOTH)
 _OF_ITSELF, _OF_SIDE, _OF_CORNER = (wp.constant(value) for value in SHARES)
-_LEAST_OPACITY = wp.constant(LEAST_OPACITY)
+_LEAST_OPACITY, _HARD_RAD = wp.constant(LEAST_OPACITY), wp.constant(HARD_RAD)
 _FACING_POWER, _DETAIL = wp.constant(float(FACING_POWER)), wp.constant(RELIGHTABLE_DETAIL)
 
 
@@ -316,10 +317,14 @@ def mean_over_surface(
     normal: Vectors,
     off_plane_m: Floats,
     stride: int,
+    lamp_radius_rad: Floats,
     before: Floats2,
     after: Floats2,
 ):
-    """Fill `after` [R, C]: means of `before` over rays beside each on the same surface."""
+    """Fill `after` [R, C]: means of `before` over rays beside each on the same surface.
+
+    The first columns are vectors of lamps of these radii; those of hard lamps stay (`smoothed_light`).
+    """
     ray = wp.tid()
     if ray >= count[0]:
         return
@@ -353,3 +358,7 @@ def mean_over_surface(
             after[ray, k] = after[ray, k] + weight * before[other, k]
     for k in range(columns):
         after[ray, k] = after[ray, k] / total
+    for lamp in range(lamp_radius_rad.shape[0]):
+        if 2.0 * lamp_radius_rad[lamp] < _HARD_RAD:
+            for k in range(3):
+                after[ray, 3 * lamp + k] = before[ray, 3 * lamp + k]
