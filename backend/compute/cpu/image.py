@@ -20,11 +20,10 @@ from ..kernels.image import (
     EnlargedArrays,
     RelitImage,
     enlarge_rows,
-    ray_shares,
     relit_pixels,
 )
 from ..kernels.image import view_directions as fill_views
-from ..kernels.steps import step_coefficients, step_normals
+from ..kernels.steps import ray_shares, step_coefficients, step_normals
 from ..reference import ReferenceBackend
 from .arrays import as_arrays, row_of
 from .light import lobes

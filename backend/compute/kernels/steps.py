@@ -1,4 +1,4 @@
-"""Normals and coefficients at steps of depth: as `image.depth_steps`."""
+"""Which rays count at pixels by their depth, as `image.shading`, and what follows at steps, as `image.depth_steps`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,61 @@ from .compiled import compiled_part_loosely as part
 from .image import neighbours
 
 _0, _1 = (np.float32(value) for value in (0, 1))
+LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
+"""As in `image.shading`."""
 _LEAST_OPACITY = np.float32(1e-3)  # as in `image.depth_steps`
+
+
+@compiled
+def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, shares):
+    """Fill shares [P, 4] of pixels [first, last) as `image.shading.shares_of_rays`.
+
+    `depth_of_rays` [h * w] is infinite where there is no ray, `skin_depth` [H * W] beside the hand.
+    """
+    height, large = len(depth_of_rays) // width, 2 * width
+    at, share, own, summed = (
+        np.empty(4, np.int64),
+        np.empty(4, np.float32),
+        np.empty(4, np.float32),
+        np.empty(4, np.float32),
+    )
+    depths, beside = np.empty(4, np.float32), np.empty(4, np.float32)
+    for index in range(first, last):
+        here = pixel[index]
+        row, column, depth = here // large, here % large, skin_depth[here]
+        neighbours(len(depth_of_rays), width, here, at, share)
+        for k in range(4):
+            depths[k] = depth_of_rays[at[k]]
+            share[k] = share[k] if depths[k] < np.inf else _0
+        _guided(share, depths, depth, edge_m, own)
+        beside[0], beside[1] = skin_depth[here - min(column, 1)], skin_depth[here + min(large - 1 - column, 1)]
+        beside[2] = skin_depth[here - large * min(row, 1)]
+        beside[3] = skin_depth[here + large * min(2 * height - 1 - row, 1)]
+        is_edge = False
+        for k in range(4):
+            is_edge = is_edge or abs(beside[k] - depth) > edge_m
+        if is_edge:
+            for k in range(4):
+                own[k] *= OF_PIXEL
+            for one in range(4):
+                _guided(share, depths, beside[one], edge_m, summed)
+                for k in range(4):
+                    own[k] += OF_NEXT * summed[k]
+        for k in range(4):
+            shares[index, k] = own[k]
+
+
+@part
+def _guided(share, depths, depth, edge_m, out):
+    """Keep the shares of the rays at a depth, or of all if none is there."""
+    total, plain = _0, _0
+    for k in range(4):
+        gap = (depth - depths[k]) / edge_m
+        out[k] = share[k] * np.exp(-gap * gap) if share[k] > _0 and depth < np.inf else _0
+        total += out[k]
+        plain += share[k]
+    for k in range(4):
+        out[k] = out[k] / total if total > LEAST_SHARE else share[k] / plain
 
 
 @compiled
