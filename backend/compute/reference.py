@@ -22,11 +22,11 @@ from ..geometry.local_rotation import local_rotations
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.lbs import skin_motion
 from ..image.crop import hand_extent
+from ..image.depth_steps import coefficients_at_steps, normals_at_steps
 from ..image.edge_avoiding_filter import edge_avoiding_mean
 from ..image.shading import (
     ShadingInputs,
     SurfaceDepth,
-    normals_at_steps,
     shade_image,
     shading_inputs,
     shares_of_rays,
@@ -84,6 +84,7 @@ class ReferenceBackend:
     smooth_enlarged_rays = staticmethod(smooth_enlarged_rays)
     shares_of_rays = staticmethod(shares_of_rays)
     normals_at_steps = staticmethod(normals_at_steps)
+    coefficients_at_steps = staticmethod(coefficients_at_steps)
     view_directions = staticmethod(view_directions)
     edge_avoiding_mean = staticmethod(edge_avoiding_mean)
     shade_image = staticmethod(shade_image)
@@ -153,7 +154,7 @@ class ReferenceBackend:
     ) -> ShadingInputs:
         """Enlarge rays, as `image.shading.shading_inputs`, by `smooth_enlarged_rays` and what follows it above."""
         parts = self.smooth_enlarged_rays, self.shares_of_rays, self.normals_at_steps, self.view_directions
-        return shading_inputs(superres, low, points, pixel, camera, skin, *parts)
+        return shading_inputs(superres, low, points, pixel, camera, skin, *parts, self.coefficients_at_steps)
 
     def ray_renderer(self, field: MlpField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
         """Make a renderer of this field; weights must not change in use, nor a decoder's or super-resolution's."""

@@ -1,7 +1,8 @@
 """Means over neighbouring rays that meet the same surface.
 
-Light is computed ray by ray. Its shadows begin and end there, in steps of two pixels of the image, and where a surface
-turns away from a lamp, relief flips single rays to and fro: edges of shadows are dotted without.
+Light is computed ray by ray. Shadows of soft lamps have the steps of their samples, and those of the sky of its cells:
+they are smoothed. A hard lamp's have no steps, and would only lose their edge, beyond which gloss seems to shine that
+is many times as bright.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from ..light.lamp_samples import HARD_RAD
 from ..light.lighting import LightFeatures, SurfacePoints
 from .maps import ray_of_pixel
 from .shading import ray_rows, with_ray_rows
@@ -71,8 +73,14 @@ def edge_avoiding_mean(values: Float[Tensor, "R C"], hit_points: RaySurfacePoint
 def smoothed_light(
     features: LightFeatures, hit_points: RaySurfacePoints, means: EdgeAvoidingMean = edge_avoiding_mean
 ) -> LightFeatures:
-    """Smooth the features: each ray's light becomes the mean of the rays beside it on the same surface."""
-    return with_ray_rows(features, means(ray_rows(features), hit_points, 1))
+    """Smooth the features: each ray's light becomes the mean of the rays beside it on the same surface.
+
+    What hard lamps shine on it directly stays.
+    """
+    smoothed = with_ray_rows(features, means(ray_rows(features), hit_points, 1))
+    hard = (2 * features.lamp_radius_rad < HARD_RAD).nonzero()[:, 0]
+    smoothed.lamp_vectors[:, hard] = features.lamp_vectors[:, hard]
+    return smoothed
 
 
 def _rows_around(hit_points: RaySurfacePoints, border: int) -> tuple[Int[Tensor, " P"], Int[Tensor, " R"]]:

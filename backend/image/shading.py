@@ -19,7 +19,8 @@ from ..field.rays import CameraTensors, HandInView, view_directions
 from ..field.relightable import clamp_min
 from ..field.volume import Composite
 from ..light.lighting import COEFFICIENTS, GLOSS, SMOOTH, BumpMapping, LightFeatures, SurfacePoints, shaded_colour
-from .maps import enlarge_maps, low_resolution_maps, ray_of_pixel
+from .depth_steps import RaysAround, coefficients_at_steps, neighbours, normals_at_steps
+from .maps import enlarge_maps, low_resolution_maps
 from .superres import enlarge
 
 _OF_RAYS = (
@@ -86,25 +87,10 @@ class EnlargedRays(NamedTuple):
     alpha: Tensor
 
 
-class RaysAround(NamedTuple):
-    """Which rays P pixels of the full-size image take their light from.
-
-    Attributes:
-        pixel: [R] of the rays, in the low-resolution image.
-        at: [P] pixels of the full-size image.
-        share: [P, 4] as in `ShadingInputs`.
-        size_px: of the low-resolution image.
-    """
-
-    pixel: Tensor
-    at: Tensor
-    share: Tensor
-    size_px: tuple[int, int]
-
-
 Enlarged = Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays]
 Shares = Callable[[Tensor, Tensor, CameraTensors, Tensor, SurfaceDepth], Tensor]
 Normals = Callable[[Tensor, Tensor, RaysAround], Tensor]
+Coefficients = Callable[[Tensor, Tensor, Tensor, RaysAround], Tensor]
 Views = Callable[[CameraTensors, Tensor], Tensor]
 
 
@@ -132,6 +118,7 @@ def shading_inputs(
     shares: Shares | None = None,
     normals: Normals | None = None,
     views: Views = view_directions,
+    at_steps: Coefficients = coefficients_at_steps,
 ) -> ShadingInputs:
     """Enlarge the decoded rays of a relightable field.
 
@@ -146,6 +133,7 @@ def shading_inputs(
         shares: as `shares_of_rays`, which stands for None.
         normals: as `normals_at_steps`, which stands for None.
         views: as `view_directions`.
+        at_steps: as `coefficients_at_steps`.
     """
     maps, depth = relightable_maps(low, points, pixel, camera)
     covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
@@ -154,6 +142,7 @@ def shading_inputs(
     share = (shares or shares_of_rays)(points.position, pixel, camera, covered, skin)
     around = RaysAround(pixel, covered, share, camera.size_px)
     normal = (normals or normals_at_steps)(normal, points.relief_normal, around)
+    coefficients = at_steps(coefficients, alpha, maps, around)
     return ShadingInputs(
         pixel=covered,
         coefficients=coefficients,
@@ -289,17 +278,6 @@ def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], 
     return with_ray_rows(features, (maps[around] * image.share[..., None]).sum(1))
 
 
-def neighbours(at: Int[Tensor, " P"], size_px: tuple[int, int]) -> tuple[Int[Tensor, "P 4"], Float[Tensor, "P 4"]]:
-    """Find the four low-resolution pixels around pixels of the full-size image, and their bilinear weights."""
-    width, height = size_px
-    x, y = at % (2 * width), torch.div(at, 2 * width, rounding_mode="floor")
-    columns = torch.stack([(x + 1) // 2 - 1, (x + 1) // 2], 1).clamp(0, width - 1)
-    rows = torch.stack([(y + 1) // 2 - 1, (y + 1) // 2], 1).clamp(0, height - 1)
-    right, below = (0.75 - 0.5 * (place % 2) for place in (x, y))
-    across, down = torch.stack([1 - right, right], 1), torch.stack([1 - below, below], 1)
-    return (rows[:, :, None] * width + columns[:, None]).flatten(1), (down[:, :, None] * across[:, None]).flatten(1)
-
-
 @torch.no_grad()
 def shares_of_rays(
     position: Float[Tensor, "R 3"],
@@ -328,27 +306,6 @@ def shares_of_rays(
     at_edge = ((beside - skin.depth[at]).abs().nan_to_num() > skin.edge_m).any(0).nonzero()[:, 0]
     softened = [_guided(share[at_edge], depth_of[at_edge], one[at_edge], skin.edge_m) for one in beside]
     return result.index_put((at_edge,), _OF_PIXEL * result[at_edge] + _OF_NEXT * torch.stack(softened).sum(0))
-
-
-def normals_at_steps(
-    normal: Float[Tensor, "P 3"], relief_normal: Float[Tensor, "R 3"], rays: RaysAround
-) -> Float[Tensor, "P 3"]:
-    """Replace the normals at steps of depth by those of the rays that count for the light there.
-
-    Else the light that falls on a finger would, beside its outline, shine on the normal of the palm behind it.
-
-    Args:
-        normal: unit, of the pixels.
-        relief_normal: unit, at the rays.
-        rays: around the pixels.
-    """
-    around, bilinear = neighbours(rays.at, rays.size_px)
-    beside = ray_of_pixel(rays.pixel, rays.size_px[0] * rays.size_px[1])[around]
-    even = bilinear * (beside >= 0)
-    even = even / even.sum(1, keepdim=True)
-    is_step = (rays.share - even).abs().sum(1, keepdim=True).clamp(max=1)
-    of_rays = (relief_normal[beside.clamp(min=0)] * rays.share[..., None]).sum(1)
-    return normalize(torch.lerp(normal, normalize(of_rays, dim=-1), is_step), dim=-1)
 
 
 def ray_depths(position: Float[Tensor, "R 3"], pixel: Int[Tensor, " R"], camera: CameraTensors) -> Float[Tensor, " P"]:

@@ -33,6 +33,12 @@ LEAST_TO_EYE = 0.05
 """The least cosine between normal and eye: lobes grow without bound at grazing views."""
 TAIL = 8.0
 """Squared slopes, in squared alphas, from which on bumps widen a lobe by half as much: of Gaussian slopes, by sums."""
+FACES_TURN = 0.05
+"""Half the sine by which neighbouring faces of a detail mesh turn: of 0.8 mm, on a finger's radius of 8 mm."""
+_TINY = 1e-8
+POSITIVE_PART = 2 / pi
+"""Of Gaussian values of mean 0 and variance v, the mean of those above 0 (the others for 0) is half the root of so
+many v."""
 
 
 def ggx(
@@ -43,12 +49,14 @@ def ggx(
     nail: Float[Tensor, "*#n"] | None = None,
     broad_squared: Float[Tensor, "*#n"] | None = None,
     hidden: Float[Tensor, "*#n"] | None = None,
+    surface_normal: Float[Tensor, "*#n 3"] | None = None,
 ) -> Float[Tensor, "... 2"]:
     """Compute the light reflected in two lobes per unit of arriving light (GGX, Smith, Fresnel; Walter et al. 2007).
 
     Bumps that a pixel hides widen the second lobe by the variance of their slopes. But those that mirror a light face
     it, and so shadow and mask it less than a rough surface that lies flat would: they are taken to lie as the mean of
-    those whose mirrored light is seen (Tweedie's formula). Far from its middle a lobe is not wider by them.
+    those whose mirrored light is seen (Tweedie's formula), and differ from it by what is left of their variance: where
+    light grazes, some of them are lit though their mean is not. Far from its middle a lobe is not wider by them.
 
     A light of some size widens the lobe: half vectors fill a disc of half its angle t, and the mean of the distribution
     over that disc is, in its middle, exactly that of a lobe with alpha^2 + t^2.
@@ -61,13 +69,18 @@ def ggx(
         nail: 1 on nails, 0 on skin, which stands for None.
         broad_squared: squared alpha of the second lobe, where it is known.
         hidden: what of it is the variance of slopes of bumps; None: nothing.
+        surface_normal: unit, of the surface whose bumps the normal shows, and whose own shadow begins where it turns
+            away from the light; None: where the normal does.
     """
     half = torch.nn.functional.normalize(towards - view, dim=-1)
     to_light, to_eye = (normal * towards).sum(-1), -(normal * view).sum(-1)
     to_half = (normal * half).sum(-1).clamp(0, 1)
     along_half = (towards * half).sum(-1).clamp(0, 1)
     reflectance = fresnel(along_half)
-    is_lit = to_light > 0
+    if surface_normal is None:
+        arriving = (to_light > 0).to(to_light.dtype)
+    else:
+        arriving = share_above((surface_normal * towards).sum(-1), light_radius_rad)
     lobes = []
     for squared, bumps in zip(squared_alphas(nail, broad_squared), (None, hidden), strict=True):
         squared = (squared + (light_radius_rad / 2) ** 2).clamp(max=1)
@@ -81,16 +94,28 @@ def ggx(
                 ((1 - towards_half * to_half) * cosine + towards_half * along_half) / length
                 for cosine in (to_light, to_eye)
             )
+            variance = 0.5 * bumps * (1 - towards_half) * (1 - lit**2).clamp(min=0)
+            lit = 0.5 * (lit + (lit**2 + POSITIVE_PART * variance).clamp(min=_TINY**2).sqrt())
             reach = TAIL * squared * to_half**2
             squared = smooth + bumps * reach / (reach + across)
+        is_lit = lit > 0
         lit, seen = lit.clamp(min=1e-4), seen.clamp(min=LEAST_TO_EYE)
         # pi times the distribution: light is in units of irradiance / pi.
         distribution = squared / (to_half**2 * (squared - 1) + 1) ** 2
         shadowing = 0.5 / (
             lit * (seen**2 * (1 - smooth) + smooth).sqrt() + seen * (lit**2 * (1 - smooth) + smooth).sqrt()
         )
-        lobes.append(torch.where(is_lit, distribution * shadowing * reflectance * lit, torch.zeros_like(lit)))
+        reflected = distribution * shadowing * reflectance * lit * arriving
+        lobes.append(torch.where(is_lit, reflected, torch.zeros_like(lit)))
     return torch.stack(lobes, -1)
+
+
+def share_above(to_light: Float[Tensor, "*#n"], light_radius_rad: Float[Tensor, "*#n"]) -> Float[Tensor, "*n"]:
+    """Compute the share of a light above a surface that shadows itself, by the cosine of its middle and the normal.
+
+    It rises over its own radius, and over the angle by which faces turn: some are lit as a whole, the next ones not.
+    """
+    return (0.5 + 0.5 * to_light / (FACES_TURN + light_radius_rad)).clamp(0, 1)
 
 
 def hidden_bumps(alpha_squared: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
@@ -119,7 +144,6 @@ def alphas(nail: Tensor | None) -> tuple[float | Tensor, float]:
 
 LEAST_MIRRORED, LEAST_OF_EYE = 0.01, 0.9
 """The least cosine of the mirrored view and the surface; of this share of the eye's, where that is less."""
-_TINY = 1e-8
 _LEAST_BEND = 1e-4  # sine of the angle between both normals
 
 

@@ -331,9 +331,8 @@ def _colour_of_skin(
     surface, nail = skin.surface_normal, skin.nail
     mirroring = clamped_reflection_normal(normal, surface, view)
     at_lamps = mirroring[:, None], towards, view[:, None], features.lamp_radius_rad
-    lobes = ggx(
-        *at_lamps, *(of_skin[:, None] for of_skin in (nail, skin.alpha_squared, hidden_bumps(skin.alpha_squared)))
-    )
+    of_skin = nail, skin.alpha_squared, hidden_bumps(skin.alpha_squared), surface
+    lobes = ggx(*at_lamps, *(values[:, None] for values in of_skin))
     lamps_mirrored = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
     squared = skin.alphas_squared
     leaving = horizon_occlusion(mirroring, surface, view, squared)
@@ -352,8 +351,8 @@ def _colour_of_skin(
     under = (1 - _of_lobes(even, nail)) / (1 - _of_lobes(of_surface, nail))
     direct = inside * under[:, None] + (coefficients[:, GLOSS, None] * specular).sum(1)
     # Gloss mirrors skin as well, which is about as bright around the mirrored view as everywhere.
-    of_skin = (coefficients[:, GLOSS] * even * leaving).sum(1, keepdim=True)
-    return direct * features.arriving + (reflectance(coefficients) + of_skin) * features.reflected
+    mirrored_skin = (coefficients[:, GLOSS] * even * leaving).sum(1, keepdim=True)
+    return direct * features.arriving + (reflectance(coefficients) + mirrored_skin) * features.reflected
 
 
 def _diffuse_light_of(

@@ -38,7 +38,8 @@ BY_NUMBA = set("""
     skin_motion posed_mesh hand_extent local_rotations
     first_hit trace shade ray_renderer decoder decoder_inputs superres
     lit_share look_up ambient_occlusion light_features mesh_points indirect_diffuse near_field_light
-    smooth_enlarged_rays shares_of_rays normals_at_steps view_directions edge_avoiding_mean shade_image
+    smooth_enlarged_rays shares_of_rays normals_at_steps coefficients_at_steps view_directions edge_avoiding_mean
+    shade_image
     detail_mesh visible_surface ray_hits detailed_image blended
 """.split())  # fmt: skip
 

@@ -8,16 +8,14 @@ import torch
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.rays import CameraTensors, camera_tensors, ray_directions
 from livehand.backend.field.volume import Composite
+from livehand.backend.image.depth_steps import RaysAround, coefficients_at_steps, neighbours, normals_at_steps
 from livehand.backend.image.shading import (
     EnlargedRays,
-    RaysAround,
     SurfaceDepth,
     covered_pixels,
     detailed,
     diffuse_and_specular,
     enlarged_rays,
-    neighbours,
-    normals_at_steps,
     shade_rays,
     shading_inputs,
     shares_of_rays,
@@ -205,6 +203,41 @@ def test_at_a_step_of_depth_the_normal_is_that_of_the_rays_whose_light_falls_the
     torch.testing.assert_close(found[is_whole], of_rays[around[is_whole, 0]])
 
 
+def two_parts():
+    """Maps of 1 to the left and of 3 to the right, rays of which only left ones count, and where there are any."""
+    right = ALL % SIZE[0] >= 5
+    maps = torch.ones(34, SIZE[1], SIZE[0])
+    maps[:COEFFICIENTS] = torch.where(right, 3.0, 1.0).reshape(SIZE[1], SIZE[0])
+    at = torch.arange(4 * len(ALL))
+    around, even = neighbours(at, SIZE)
+    left = even * ~right[around]
+    has_left = left.sum(1) > 0
+    share = torch.where(has_left[:, None], left / left.sum(1, keepdim=True).clamp(min=0.1), even)
+    return maps, RaysAround(ALL, at, share, SIZE), has_left
+
+
+def test_at_a_step_of_depth_colours_are_not_those_of_the_part_behind():
+    maps, rays, has_left = two_parts()
+    alpha = torch.full((len(rays.at),), 0.5)
+    even = maps[:COEFFICIENTS].flatten(1).T[neighbours(rays.at, SIZE)[0]]
+    enlarged = 0.5 * (even * neighbours(rays.at, SIZE)[1][..., None]).sum(1)
+    found = coefficients_at_steps(enlarged, alpha, maps, rays)
+    is_mixed = has_left & (enlarged[:, 0] > 0.5)
+    assert is_mixed.sum() >= 2 * SIZE[1]
+    strongly = found[is_mixed & (enlarged[:, 0] > 0.9)]
+    torch.testing.assert_close(strongly, torch.full_like(strongly, 0.5))
+    assert (found[is_mixed] < enlarged[is_mixed] - 0.1).all()
+    torch.testing.assert_close(found[~is_mixed], enlarged[~is_mixed])
+
+
+def test_beside_the_outline_colours_stay():
+    """Rays that meet nothing are no other part."""
+    maps, rays, _ = two_parts()
+    maps = maps * (maps[:1] < 2)  # those to the right are transparent
+    enlarged = torch.rand(len(rays.at), COEFFICIENTS, generator=torch.Generator().manual_seed(0))
+    torch.testing.assert_close(coefficients_at_steps(enlarged, torch.ones(len(rays.at)), maps, rays), enlarged)
+
+
 def test_gradients_reach_coefficients_and_normals():
     camera, low, points = some_rays(ALL)
     network = untrained()
@@ -341,6 +374,20 @@ def test_normals_at_steps_are_the_references_with_holes_and_at_borders(backend_p
     ours, theirs = (each.normals_at_steps(normal, of_rays, rays) for each in backend_pair)
     torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
     assert ((ours - normal).abs().amax(1) > 0.5).sum() > 10
+
+
+def test_coefficients_at_steps_are_the_references_with_holes_and_at_borders(backend_pair):
+    random = torch.Generator().manual_seed(7)
+    maps = torch.rand(9, 13, 34, generator=random).permute(2, 0, 1)  # as stages make them
+    maps *= torch.rand(9, 13, generator=random) < 0.7
+    maps[:-1] *= maps[-1]
+    at = torch.rand(4 * 9 * 13, generator=random).lt(0.8).nonzero()[:, 0]
+    share = torch.rand(len(at), 4, generator=random) ** 4
+    rays = RaysAround(torch.arange(9 * 13), at, share / share.sum(1, keepdim=True), UNEVEN_PX)
+    alpha, before = torch.rand(4 * 9 * 13, generator=random), torch.rand(len(at), COEFFICIENTS, generator=random)
+    ours, theirs = (each.coefficients_at_steps(before, alpha, maps, rays) for each in backend_pair)
+    torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
+    assert ((ours - before).abs().amax(1) > 0.2).sum() > 10
 
 
 def test_views_are_the_references_in_a_turned_camera(backend_pair):

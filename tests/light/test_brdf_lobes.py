@@ -8,6 +8,7 @@ import torch
 from livehand.backend.light.brdf import (
     AHEAD,
     COSINES,
+    FACES_TURN,
     LEAST_ROUGHNESS,
     ROUGHNESSES,
     SHARE,
@@ -19,6 +20,7 @@ from livehand.backend.light.brdf import (
     isotropic_lobes,
     isotropic_weight,
     lobes_at,
+    share_above,
 )
 
 pytestmark = pytest.mark.slow
@@ -115,10 +117,11 @@ def test_between_its_places_the_table_is_mixed():
     assert TABLE.isfinite().all()
 
 
-@pytest.mark.parametrize("variance", [0.02, 0.04, 0.08])
-@pytest.mark.parametrize(("to_light", "to_eye"), [(0.2, 0.7), (0.1, 0.7), (0.4, 0.4), (0.8, 0.8), (0.2, 0.3)])
-def test_hidden_bumps_mirror_as_much_as_bumps_one_by_one(variance, to_light, to_eye):
-    """Light from before the eye, on bumps of Gaussian slopes: flat and rougher, it would be half as much at worst."""
+UP_TO_LIGHT = torch.tensor([0.0, 0, 1])
+
+
+def at_once_and_one_by_one(variance, to_light, to_eye):
+    """What bumps of Gaussian slopes mirror of light from before the eye: hidden in a pixel, and their mean."""
     squared, nothing = 0.07, torch.zeros(())
     towards, view = (torch.tensor([(1 - cosine**2) ** 0.5, 0, cosine]) for cosine in (to_light, to_eye))
     view = view * torch.tensor([1.0, 1, -1])
@@ -127,12 +130,42 @@ def test_hidden_bumps_mirror_as_much_as_bumps_one_by_one(variance, to_light, to_
     normal = torch.nn.functional.normalize(torch.stack([-u, -v, torch.ones_like(u)], -1), dim=-1).reshape(-1, 3)
     often = torch.exp(-(u * u + v * v) / variance).flatten()
     one_by_one = ggx(normal, towards, view, nothing, broad_squared=torch.tensor(squared))[:, 1]
-    at_once = ggx(
-        torch.tensor([0.0, 0, 1]),
-        towards,
-        view,
-        nothing,
-        broad_squared=torch.tensor(squared + variance),
-        hidden=torch.tensor(variance),
-    )[1]
-    assert float(at_once) == pytest.approx(float((often * one_by_one).sum() / often.sum()), rel=0.25)
+    # The surface faces the light, so that nothing but the bumps decides.
+    hidden = {"broad_squared": torch.tensor(squared + variance), "hidden": torch.tensor(variance)}
+    at_once = ggx(UP_TO_LIGHT, towards, view, nothing, **hidden, surface_normal=towards)[1]
+    return float(at_once), float((often * one_by_one).sum() / often.sum())
+
+
+@pytest.mark.parametrize("variance", [0.02, 0.04, 0.08])
+@pytest.mark.parametrize(("to_light", "to_eye"), [(0.2, 0.7), (0.1, 0.7), (0.4, 0.4), (0.8, 0.8), (0.2, 0.3)])
+def test_hidden_bumps_mirror_as_much_as_bumps_one_by_one(variance, to_light, to_eye):
+    """Flat and rougher, they would be half as bright at worst."""
+    at_once, one_by_one = at_once_and_one_by_one(variance, to_light, to_eye)
+    assert at_once == pytest.approx(one_by_one, rel=0.25)
+
+
+@pytest.mark.parametrize("variance", [0.02, 0.04, 0.08])
+@pytest.mark.parametrize(("to_light", "to_eye"), [(0.02, 0.7), (0.02, 0.4), (-0.03, 0.7), (-0.03, 0.4)])
+def test_some_bumps_are_lit_where_their_mean_is_not(variance, to_light, to_eye):
+    """If all were lit as their mean is, light would begin with a step: pixels beside would be dotted."""
+    at_once, one_by_one = at_once_and_one_by_one(variance, to_light, to_eye)
+    assert at_once == pytest.approx(one_by_one, rel=0.35)
+
+
+@pytest.mark.parametrize("radius_rad", [0.0, 0.01, 0.2])
+def test_a_light_rises_over_its_disc_and_over_faces_that_turn(radius_rad):
+    """As often as it stands above them are faces lit, which turn by any angle between."""
+    cosines = torch.linspace(-0.4, 0.4, 33)
+    reach = FACES_TURN + radius_rad
+    turned = torch.linspace(-reach, reach, 20001)
+    lit = (cosines[:, None] + turned > 0).float().mean(1)
+    torch.testing.assert_close(share_above(cosines, torch.tensor(radius_rad)), lit, rtol=0, atol=1e-4)
+
+
+def test_no_bump_is_lit_from_below_the_surface():
+    """What faces the light beyond the edge of the surface's own shadow lies in it."""
+    towards, view, bent = torch.eye(3)[0], -torch.eye(3)[2], torch.tensor([0.6, 0.0, 0.8])
+    away = torch.tensor([-0.1, 0.0, 0.99])
+    given = bent, towards, view, torch.zeros(()), None, torch.tensor(0.1), torch.tensor(0.03)
+    assert float(ggx(*given)[1]) > 0.01
+    assert ggx(*given, surface_normal=away).tolist() == [0, 0]

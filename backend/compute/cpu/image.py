@@ -1,4 +1,4 @@
-"""The full-size image by kernels, without gradients: as `image.shading` and `image.edge_avoiding_filter`."""
+"""The full-size image by kernels, without gradients: as `image.{shading, depth_steps, edge_avoiding_filter}`."""
 
 from __future__ import annotations
 
@@ -20,11 +20,10 @@ from ..kernels.image import (
     EnlargedArrays,
     RelitImage,
     enlarge_rows,
-    ray_shares,
     relit_pixels,
-    step_normals,
 )
 from ..kernels.image import view_directions as fill_views
+from ..kernels.steps import ray_shares, step_coefficients, step_normals
 from ..reference import ReferenceBackend
 from .arrays import as_arrays, row_of
 from .light import lobes
@@ -66,7 +65,7 @@ def shares_of_rays(
 def normals_at_steps(
     normal: Float[Tensor, "P 3"], relief_normal: Float[Tensor, "R 3"], rays: RaysAround
 ) -> Float[Tensor, "P 3"]:
-    """Replace the normals at steps of depth, as `image.shading.normals_at_steps`."""
+    """Replace the normals at steps of depth, as `image.depth_steps.normals_at_steps`."""
     width, height = rays.size_px
     row, normals = row_of(rays.pixel, width * height), torch.empty_like(normal)
     at, share, of_rays, before = as_arrays(rays.at, rays.share, relief_normal, normal)
@@ -75,6 +74,18 @@ def normals_at_steps(
         lambda first, last: step_normals(at, share, row, width, of_rays, before, first, last, after), len(normal)
     )
     return normals
+
+
+def coefficients_at_steps(
+    coefficients: Float[Tensor, "P 14"], alpha: Float[Tensor, " A"], maps: Float[Tensor, "34 h w"], rays: RaysAround
+) -> Float[Tensor, "P 14"]:
+    """Replace the coefficients at steps of depth, as `image.depth_steps.coefficients_at_steps`."""
+    of_rays = maps.permute(1, 2, 0).flatten(0, 1)  # as they lie in memory
+    replaced, width = coefficients.clone(memory_format=torch.contiguous_format), rays.size_px[0]
+    at, share, source, opacity = as_arrays(rays.at, rays.share, of_rays, alpha)
+    out = replaced.numpy()
+    in_parallel(lambda first, last: step_coefficients(at, share, source, width, opacity, first, last, out), len(at))
+    return replaced
 
 
 def view_directions(camera: CameraTensors, pixel: Int[Tensor, " P"]) -> Float[Tensor, "P 3"]:
@@ -131,6 +142,7 @@ class ImageKernels(ReferenceBackend):
     smooth_enlarged_rays = staticmethod(smooth_enlarged_rays)
     shares_of_rays = staticmethod(shares_of_rays)
     normals_at_steps = staticmethod(normals_at_steps)
+    coefficients_at_steps = staticmethod(coefficients_at_steps)
     view_directions = staticmethod(view_directions)
     edge_avoiding_mean = staticmethod(edge_avoiding_mean)
     shade_image = staticmethod(shade_image)

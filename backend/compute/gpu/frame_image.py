@@ -16,7 +16,7 @@ from .kernels.detail import add_skin
 from .kernels.edges import develop_pixels, edge_shares, list_edges, mark_pixels, sample_faces, spread_coverage
 from .kernels.hairs import draw_hairs, pose_hairs
 from .kernels.hits import list_covered, paint_maps
-from .kernels.pixels import enlarge_pixels, ray_shares, smooth_pixels, step_normals
+from .kernels.pixels import enlarge_pixels, ray_shares, smooth_pixels, step_pixels
 from .kernels.relight import relit_pixels
 from .kernels.tiles import ROWS
 
@@ -102,7 +102,7 @@ def add_pixels(frame: LitBuffers) -> None:
     at = "covered", width, "depth_of_rays", "seen_m", "edge_m"
     frame.add(ray_shares, most, "covered_count", *at, "shares")
     steps = "covered", "shares", "row", width, "relief_normal", "even_normal", "bump_normal"
-    frame.add(step_normals, most, "covered_count", *steps)
+    frame.add(step_pixels, most, "covered_count", *steps, maps, "alphas", "coefficients")
     _add_skin(frame, most)
 
 

@@ -166,7 +166,7 @@ def add_light(frame: LitBuffers) -> None:
     if shape.has_patches:
         _add_near_rays(frame)
     of_rays = "pixel", "row", shape.size_px[0], "position", "normal", "off_plane_m"
-    frame.add(mean_over_surface, shape.rays, "ray_count", *of_rays, 1, "light", "smooth_light")
+    frame.add(mean_over_surface, shape.rays, "ray_count", *of_rays, 1, "lamp_radius_rad", "light", "smooth_light")
 
 
 def _name_features(frame: LitBuffers) -> None:

@@ -13,7 +13,14 @@ from ...image.shading import EnlargedRays, RaysAround, ShadingInputs, SurfaceDep
 from ...light.lighting import COEFFICIENTS, BumpMapping, LightFeatures
 from ..reference import ReferenceBackend
 from .kernels.compiled import launch
-from .kernels.pixels import enlarge_pixels, mean_over_surface, ray_shares, smooth_pixels, step_normals
+from .kernels.pixels import (
+    enlarge_pixels,
+    mean_over_surface,
+    ray_shares,
+    smooth_pixels,
+    step_coefficients,
+    step_normals,
+)
 from .kernels.relight import relit_pixels
 
 _VALUES = COEFFICIENTS + 4
@@ -56,11 +63,20 @@ def shares_of_rays(
 def normals_at_steps(
     normal: Float[Tensor, "P 3"], relief_normal: Float[Tensor, "R 3"], rays: RaysAround
 ) -> Float[Tensor, "P 3"]:
-    """Replace the normals at steps of depth, as `image.shading.normals_at_steps`."""
+    """Replace the normals at steps of depth, as `image.depth_steps.normals_at_steps`."""
     width, height = rays.size_px
     row, out = row_of(rays.pixel, width * height), torch.empty_like(normal, memory_format=torch.contiguous_format)
     launch(step_normals, len(normal), rays.at, rays.share, row, width, relief_normal, normal, out)
     return out
+
+
+def coefficients_at_steps(
+    coefficients: Float[Tensor, "P 14"], alpha: Float[Tensor, " A"], maps: Float[Tensor, "34 h w"], rays: RaysAround
+) -> Float[Tensor, "P 14"]:
+    """Replace the coefficients at steps of depth, as `image.depth_steps.coefficients_at_steps`."""
+    replaced = coefficients.clone(memory_format=torch.contiguous_format)
+    launch(step_coefficients, len(replaced), rays.at, rays.share, maps, alpha, replaced)
+    return replaced
 
 
 def shade_image(
@@ -86,7 +102,16 @@ def edge_avoiding_mean(values: Float[Tensor, "R C"], hit_points: RaySurfacePoint
         torch.empty_like(values, memory_format=torch.contiguous_format),
     )
     off_plane_m = values.new_tensor([hit_points.off_plane_m])
-    where = hit_points.pixel, row, width, hit_points.position, hit_points.normal, off_plane_m, stride
+    where = (
+        hit_points.pixel,
+        row,
+        width,
+        hit_points.position,
+        hit_points.normal,
+        off_plane_m,
+        stride,
+        values.new_empty(0),
+    )
     launch(mean_over_surface, len(values), *where, values, means)
     return means
 
@@ -97,5 +122,6 @@ class ImageStages(ReferenceBackend):
     smooth_enlarged_rays = staticmethod(smooth_enlarged_rays)
     shares_of_rays = staticmethod(shares_of_rays)
     normals_at_steps = staticmethod(normals_at_steps)
+    coefficients_at_steps = staticmethod(coefficients_at_steps)
     shade_image = staticmethod(shade_image)
     edge_avoiding_mean = staticmethod(edge_avoiding_mean)

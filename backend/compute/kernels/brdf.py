@@ -5,6 +5,7 @@ Of `light.prefiltered_environment` it has `on_square`, of `PrefilteredEnvironmen
 
 from __future__ import annotations
 
+from math import pi
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from .vectors import blend_texels
 _0, _QUARTER, _HALF, _1, _2, _TINY = (np.float32(value) for value in (0, 0.25, 0.5, 1, 2, 1e-12))
 LEAST_COSINE, GRAZING, TINY = (np.float32(value) for value in (1e-4, 0.05, 1e-8))
 """Of the cosines to light and eye, and of what is divided by, as in `light.brdf`."""
-_TAIL = np.float32(8)  # as in `light.brdf`
+_TAIL, _FACES_TURN, _POSITIVE_PART = (np.float32(value) for value in (8, 0.05, 2 / pi))  # as in `light.brdf`
 LEAST_MIRRORED, LEAST_OF_EYE, LEAST_BEND = (np.float32(value) for value in (0.01, 0.9, 1e-4))
 """As in `light.brdf`."""
 
@@ -75,7 +76,7 @@ def on_nail(nail, lobes):
 
 @part
 def ggx(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, lobes, both):
-    """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
+    """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light`."""
     hx, hy, hz = x - view[0], y - view[1], z - view[2]
     length = max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
     hx, hy, hz = hx / length, hy / length, hz / length
@@ -92,6 +93,8 @@ def ggx(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, lobes
 def _lobe(to_light, to_eye, to_half, along_half, alpha_squared, hidden, light_radius_rad):
     """Compute a lobe without Fresnel; `hidden`: the variance of slopes of bumps in its squared alpha."""
     squared = min(alpha_squared + light_radius_rad * light_radius_rad * _QUARTER, _1)
+    if hidden <= _0 and to_light <= _0:
+        return _0
     smooth, facing = squared - hidden, to_half * to_half
     across = _1 - facing
     if hidden > _0:
@@ -99,6 +102,8 @@ def _lobe(to_light, to_eye, to_half, along_half, alpha_squared, hidden, light_ra
         inverse = _1 / np.sqrt(_1 + towards_half * towards_half * across)
         kept, added = (_1 - towards_half * to_half) * inverse, towards_half * along_half * inverse
         to_light, to_eye = kept * to_light + added, kept * to_eye + added
+        variance = _HALF * hidden * (_1 - towards_half) * max(_1 - to_light * to_light, _0)
+        to_light = _HALF * (to_light + np.sqrt(to_light * to_light + _POSITIVE_PART * variance))
         reach = _TAIL * squared * facing
         squared = smooth + hidden * reach / max(reach + across, TINY)
     to_light, to_eye = max(to_light, LEAST_COSINE), max(to_eye, GRAZING)
@@ -107,6 +112,12 @@ def _lobe(to_light, to_eye, to_half, along_half, alpha_squared, hidden, light_ra
         to_light * to_light * (_1 - smooth) + smooth
     )
     return squared / (base * base) * _HALF / shadowing * to_light
+
+
+@part
+def share_above(to_light, light_radius_rad):
+    """Compute the share of a light above a surface, by the cosine of its middle and the surface's normal."""
+    return min(max(_HALF + _HALF * to_light / (_FACES_TURN + light_radius_rad), _0), _1)
 
 
 @part

@@ -21,13 +21,12 @@ from .brdf import (
     of_even_light,
     on_nail,
     row_of_lobe,
+    share_above,
 )
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
 
 _0, _QUARTER, _HALF, _3Q, _1, _2 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2))
-LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
-"""As in `image.shading`."""
 SCATTERED, DIFFUSE, GLOSS = 3, 9, 12
 """Where these begin among the coefficients."""
 SHALLOW_SCALE = np.float32(1.25)
@@ -106,7 +105,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
     for index in range(first, last):
         if not image.coefficients[index].any():
             continue  # beside the surface
-        _neighbours(len(image.row), image.width, image.pixel[index], at, around)
+        neighbours(len(image.row), image.width, image.pixel[index], at, around)
         for k in range(4):
             ray = image.row[at[k]]
             at[k], around[k] = max(ray, 0), image.share[index, k] if ray >= 0 else _0
@@ -154,13 +153,12 @@ def relit_pixels(image, sky, lobes, first, last, out):
             x, y, z = x / strength, y / strength, z / strength
             sharp = _bumped(normal, x, y, z, along, surface_normal)
             wide = _bumped(blurred, x, y, z, along_blurred, surface_normal)
-            flat = max(x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2], _0)
-            facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
-            specular = _0
-            if facing_mirror > _0:
-                radius_rad = image.lamp_radius_rad[lamp]
-                ggx(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes, both)
-                specular = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
+            rising = x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2]
+            flat, above, specular = max(rising, _0), share_above(rising, image.lamp_radius_rad[lamp]), _0
+            if above > _0:
+                facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
+                ggx(facing_mirror, x, y, z, mirroring, view, image.lamp_radius_rad[lamp], squared, lobes, both)
+                specular = strength * above * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
                 bent = wide + image.sharpness[c] * (sharp - wide)
                 rgb[c] += image.lamp_rgb[lamp, c] * (strength * weights[DIFFUSE + c] * bent * under + specular)
@@ -186,90 +184,8 @@ def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@compiled
-def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, shares):
-    """Fill shares [P, 4] of pixels [first, last) as `image.shading.shares_of_rays`.
-
-    `depth_of_rays` [h * w] is infinite where there is no ray, `skin_depth` [H * W] beside the hand.
-    """
-    height, large = len(depth_of_rays) // width, 2 * width
-    at, share, own, summed = (
-        np.empty(4, np.int64),
-        np.empty(4, np.float32),
-        np.empty(4, np.float32),
-        np.empty(4, np.float32),
-    )
-    depths, beside = np.empty(4, np.float32), np.empty(4, np.float32)
-    for index in range(first, last):
-        here = pixel[index]
-        row, column, depth = here // large, here % large, skin_depth[here]
-        _neighbours(len(depth_of_rays), width, here, at, share)
-        for k in range(4):
-            depths[k] = depth_of_rays[at[k]]
-            share[k] = share[k] if depths[k] < np.inf else _0
-        _guided(share, depths, depth, edge_m, own)
-        beside[0], beside[1] = skin_depth[here - min(column, 1)], skin_depth[here + min(large - 1 - column, 1)]
-        beside[2] = skin_depth[here - large * min(row, 1)]
-        beside[3] = skin_depth[here + large * min(2 * height - 1 - row, 1)]
-        is_edge = False
-        for k in range(4):
-            is_edge = is_edge or abs(beside[k] - depth) > edge_m
-        if is_edge:
-            for k in range(4):
-                own[k] *= OF_PIXEL
-            for one in range(4):
-                _guided(share, depths, beside[one], edge_m, summed)
-                for k in range(4):
-                    own[k] += OF_NEXT * summed[k]
-        for k in range(4):
-            shares[index, k] = own[k]
-
-
-@compiled
-def step_normals(at, share, row, width, of_rays, normal, first, last, out):
-    """Fill out [P, 3] for pixels [first, last) as `image.shading.normals_at_steps`.
-
-    `row` [h * w] is the index among the normals `of_rays` [R, 3] of a low-resolution pixel, -1 for none.
-    """
-    around, even, mean = np.empty(4, np.int64), np.empty(4, np.float32), np.empty(3, np.float32)
-    for index in range(first, last):
-        _neighbours(len(row), width, at[index], around, even)
-        total, off, squared = _0, _0, _0
-        for k in range(4):
-            even[k] = even[k] if row[around[k]] >= 0 else _0
-            total += even[k]
-        for k in range(4):
-            off += abs(share[index, k] - even[k] / total)
-        off = min(off, _1)
-        mean[:] = _0
-        for k in range(4):
-            if row[around[k]] >= 0:
-                for x in range(3):
-                    mean[x] += share[index, k] * of_rays[row[around[k]], x]
-        length = max(np.sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]), TINY)
-        for x in range(3):
-            out[index, x] = (_1 - off) * normal[index, x] + off * mean[x] / length
-            squared += out[index, x] * out[index, x]
-        length = max(np.sqrt(squared), TINY)
-        for x in range(3):
-            out[index, x] /= length
-
-
 @part
-def _guided(share, depths, depth, edge_m, out):
-    """Keep the shares of the rays at a depth, or of all if none is there."""
-    total, plain = _0, _0
-    for k in range(4):
-        gap = (depth - depths[k]) / edge_m
-        out[k] = share[k] * np.exp(-gap * gap) if share[k] > _0 and depth < np.inf else _0
-        total += out[k]
-        plain += share[k]
-    for k in range(4):
-        out[k] = out[k] / total if total > LEAST_SHARE else share[k] / plain
-
-
-@part
-def _neighbours(count, width, pixel, at, weights):
+def neighbours(count, width, pixel, at, weights):
     """Fill the four low-resolution pixels around a full-size one, and their bilinear weights."""
     height = count // width
     row, column = pixel // (2 * width), pixel % (2 * width)

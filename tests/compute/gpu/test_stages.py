@@ -51,6 +51,7 @@ BOUNDS = {
     "smooth_enlarged_rays": Bound(64 * EPS),
     "shares_of_rays": Bound(1e-4),  # exp(-gap^2) of depths that differ by an EPS, over an edge of some millimetres
     "normals_at_steps": Bound(64 * EPS),
+    "coefficients_at_steps": Bound(64 * EPS),
     "shade_image": Bound(1e-4),
     "edge_avoiding_mean": Bound(64 * EPS),
     "detail_mesh": Bound(64 * EPS),

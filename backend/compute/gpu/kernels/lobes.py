@@ -6,13 +6,13 @@ from typing import no_type_check
 
 import warp as wp
 
-from ....light.brdf import TAIL
+from ....light.brdf import FACES_TURN, POSITIVE_PART, TAIL
 from .compiled import Floats3, Floats4, part
 
 LEAST_COSINE, GRAZING, TINY = wp.constant(1e-4), wp.constant(0.05), wp.constant(1e-8)
 _LEAST_MIRRORED, _LEAST_OF_EYE, _LEAST_BEND = wp.constant(0.01), wp.constant(0.9), wp.constant(1e-4)
 _LEAST_LENGTH = wp.constant(1e-12)
-_TAIL = wp.constant(TAIL)
+_TAIL, _FACES_TURN, _POSITIVE_PART = wp.constant(TAIL), wp.constant(FACES_TURN), wp.constant(POSITIVE_PART)
 SHARE, AHEAD, UP, WIDTH = (wp.constant(value) for value in range(4))
 
 
@@ -66,7 +66,9 @@ def _over_bumps(
     inverse = 1.0 / wp.sqrt(1.0 + towards_half * towards_half * across)
     kept = (1.0 - towards_half * to_half) * inverse
     added = towards_half * along_half * inverse
-    light = wp.max(kept * to_light + added, LEAST_COSINE)
+    mean = kept * to_light + added
+    variance = 0.5 * hidden * (1.0 - towards_half) * wp.max(1.0 - mean * mean, 0.0)
+    light = wp.max(0.5 * (mean + wp.sqrt(mean * mean + _POSITIVE_PART * variance)), LEAST_COSINE)
     eye = wp.max(kept * to_eye + added, GRAZING)
     reach = _TAIL * squared * facing
     return _masked(
@@ -106,9 +108,20 @@ def ggx(
     tight = wp.min(squares[0] + wider, 1.0)
     broad = wp.min(squares[1] + wider, 1.0)
     hidden = wp.max(squares[1] - skin_squared, 0.0)
-    flat = _masked(to_half, wp.max(to_light, LEAST_COSINE), wp.max(to_eye, GRAZING), tight, tight)
-    bumpy = _over_bumps(to_half, to_light, to_eye, along_half, broad, hidden)
+    flat = wp.float32(0.0)
+    bumpy = wp.float32(0.0)
+    if to_light > 0.0:
+        flat = _masked(to_half, wp.max(to_light, LEAST_COSINE), wp.max(to_eye, GRAZING), tight, tight)
+    if to_light > 0.0 or hidden > 0.0:
+        bumpy = _over_bumps(to_half, to_light, to_eye, along_half, broad, hidden)
     return wp.vec2(flat, bumpy) * fresnel(along_half, index)
+
+
+@part
+@no_type_check
+def share_above(to_light: float, light_radius_rad: float) -> float:
+    """Compute the share of a light above a surface, by the cosine of its middle and the surface's normal."""
+    return wp.clamp(0.5 + 0.5 * to_light / (_FACES_TURN + light_radius_rad), 0.0, 1.0)
 
 
 @part

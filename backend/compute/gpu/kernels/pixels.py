@@ -6,9 +6,11 @@ from typing import no_type_check
 
 import warp as wp
 
+from ....image.depth_steps import LEAST_OPACITY
 from ....image.edge_avoiding_filter import FACING_POWER, SHARES
 from ....image.shading import MIN_ALPHA
 from ....image.superres import RELIGHTABLE_DETAIL
+from ....light.lamp_samples import HARD_RAD
 from ....light.lighting import COEFFICIENTS, SMOOTH
 from .compiled import Floats, Floats2, Floats3, Ints, Longs, Vectors, kernel, part
 from .lobes import TINY
@@ -16,6 +18,7 @@ from .lobes import TINY
 _LEAST_SHARE, _OF_PIXEL, _OF_NEXT = wp.constant(0.01), wp.constant(0.5), wp.constant(0.125)
 _MIN_ALPHA, _COEFFICIENTS, _SMOOTH = wp.constant(MIN_ALPHA), wp.constant(COEFFICIENTS), wp.constant(SMOOTH)
 _OF_ITSELF, _OF_SIDE, _OF_CORNER = (wp.constant(value) for value in SHARES)
+_LEAST_OPACITY, _HARD_RAD = wp.constant(LEAST_OPACITY), wp.constant(HARD_RAD)
 _FACING_POWER, _DETAIL = wp.constant(float(FACING_POWER)), wp.constant(RELIGHTABLE_DETAIL)
 
 
@@ -103,16 +106,12 @@ def ray_shares(
         shares[index, k] = own[k]
 
 
-@kernel
+@part
 @no_type_check
-def step_normals(
-    count: Ints, at: Longs, share: Floats2, row: Ints, width: int, of_rays: Vectors, normal: Vectors, out: Vectors
-):
-    """Fill out [P] as `image.shading.normals_at_steps`; `row` [h * w] is the ray of a pixel, -1 for none."""
-    index = wp.tid()
-    if index >= count[0]:
-        return
-    pixel = int(at[index])
+def _step_normal(
+    pixel: int, index: int, share: Floats2, row: Ints, width: int, of_rays: Vectors, own: wp.vec3
+) -> wp.vec3:
+    """Compute a normal as `image.depth_steps.normals_at_steps`; `row` [h * w] is the ray of a pixel, -1 for none."""
     around = neighbours(pixel, width, row.shape[0] / width)
     even = bilinear(pixel, width)
     total = wp.float32(0.0)
@@ -127,8 +126,85 @@ def step_normals(
         if row[around[k]] >= 0:
             mean += share[index, k] * of_rays[row[around[k]]]
     off = wp.min(off, 1.0)
-    mixed = (1.0 - off) * normal[index] + off / wp.max(wp.length(mean), TINY) * mean
-    out[index] = mixed / wp.max(wp.length(mixed), TINY)
+    mixed = (1.0 - off) * own + off / wp.max(wp.length(mean), TINY) * mean
+    return mixed / wp.max(wp.length(mixed), TINY)
+
+
+@part
+@no_type_check
+def _replace_coefficients(pixel: int, index: int, share: Floats2, maps: Floats3, alphas: Floats, coefficients: Floats2):
+    """Replace those of a pixel as `image.depth_steps.coefficients_at_steps`; `maps` as in `enlarge_pixels`."""
+    width = maps.shape[2]
+    last = maps.shape[0] - 1
+    around = neighbours(pixel, width, maps.shape[1])
+    even = bilinear(pixel, width)
+    own = wp.vec4()
+    all_ = wp.float32(0.0)
+    total = wp.float32(0.0)
+    for k in range(4):
+        opacity = wp.clamp(maps[last, around[k] / width, around[k] % width], 0.0, 1.0)
+        even[k] = even[k] * opacity
+        own[k] = share[index, k] * opacity
+        all_ += even[k]
+        total += own[k]
+    off = wp.float32(0.0)
+    if all_ > _LEAST_OPACITY and total > _LEAST_OPACITY:
+        for k in range(4):
+            off += wp.abs(own[k] / total - even[k] / all_)
+    if off > 0.0:
+        off = wp.min(off, 1.0)
+        scale = wp.clamp(alphas[pixel], 0.0, 1.0) / total
+        for c in range(_COEFFICIENTS):
+            of_rays = wp.float32(0.0)
+            for k in range(4):
+                of_rays += share[index, k] * maps[c, around[k] / width, around[k] % width]
+            coefficients[index, c] = coefficients[index, c] + off * (scale * of_rays - coefficients[index, c])
+
+
+@kernel
+@no_type_check
+def step_normals(
+    count: Ints, at: Longs, share: Floats2, row: Ints, width: int, of_rays: Vectors, normal: Vectors, out: Vectors
+):
+    """Fill out [P] as `image.depth_steps.normals_at_steps`."""
+    index = wp.tid()
+    if index >= count[0]:
+        return
+    out[index] = _step_normal(int(at[index]), index, share, row, width, of_rays, normal[index])
+
+
+@kernel
+@no_type_check
+def step_coefficients(count: Ints, at: Longs, share: Floats2, maps: Floats3, alphas: Floats, coefficients: Floats2):
+    """Replace coefficients as `image.depth_steps.coefficients_at_steps`."""
+    index = wp.tid()
+    if index >= count[0]:
+        return
+    _replace_coefficients(int(at[index]), index, share, maps, alphas, coefficients)
+
+
+@kernel
+@no_type_check
+def step_pixels(
+    count: Ints,
+    at: Longs,
+    share: Floats2,
+    row: Ints,
+    width: int,
+    of_rays: Vectors,
+    normal: Vectors,
+    out: Vectors,
+    maps: Floats3,
+    alphas: Floats,
+    coefficients: Floats2,
+):
+    """Do what `step_normals` and `step_coefficients` do."""
+    index = wp.tid()
+    if index >= count[0]:
+        return
+    pixel = int(at[index])
+    out[index] = _step_normal(pixel, index, share, row, width, of_rays, normal[index])
+    _replace_coefficients(pixel, index, share, maps, alphas, coefficients)
 
 
 @part
@@ -242,10 +318,14 @@ def mean_over_surface(
     normal: Vectors,
     off_plane_m: Floats,
     stride: int,
+    lamp_radius_rad: Floats,
     before: Floats2,
     after: Floats2,
 ):
-    """Fill `after` [R, C]: means of `before` over rays beside each on the same surface."""
+    """Fill `after` [R, C]: means of `before` over rays beside each on the same surface.
+
+    The first columns are vectors of lamps of these radii; those of hard lamps stay (`smoothed_light`).
+    """
     ray = wp.tid()
     if ray >= count[0]:
         return
@@ -279,3 +359,7 @@ def mean_over_surface(
             after[ray, k] = after[ray, k] + weight * before[other, k]
     for k in range(columns):
         after[ray, k] = after[ray, k] / total
+    for lamp in range(lamp_radius_rad.shape[0]):
+        if 2.0 * lamp_radius_rad[lamp] < _HARD_RAD:
+            for k in range(3):
+                after[ray, 3 * lamp + k] = before[ray, 3 * lamp + k]

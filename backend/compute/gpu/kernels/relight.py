@@ -18,6 +18,7 @@ from .lobes import (
     horizon_occlusion,
     mirrored_light,
     of_even_light,
+    share_above,
 )
 from .pixels import neighbours
 
@@ -165,11 +166,13 @@ def relit_pixels(
         towards = arriving / strength
         sharp = _bumped(bump, towards, along, surface)
         wide = _bumped(blurred, towards, along_blurred, surface)
-        flat = wp.max(wp.dot(towards, surface), 0.0)
+        rising = wp.dot(towards, surface)
+        flat = wp.max(rising, 0.0)
+        above = share_above(rising, lamp_radius_rad[lamp])
         specular = wp.float32(0.0)
-        if wp.dot(towards, mirroring) > 0.0:
+        if above > 0.0:
             both = ggx(towards, mirroring, away, lamp_radius_rad[lamp], squares, _SKIN_SQUARED, _SQUARED_INDEX)
-            specular = strength * wp.dot(gloss, both)
+            specular = strength * above * wp.dot(gloss, both)
         for c in range(3):
             bent = wide + sharpness[c] * (sharp - wide)
             rgb[c] += lamp_rgb[lamp][c] * (strength * diffuse[c] * bent * under + specular)
