@@ -5,7 +5,7 @@ import tomllib
 from importlib import metadata
 from pathlib import Path
 
-from livehand.backend.system.packages import REQUIREMENTS
+from livehand.backend.system.packages import GPU, REQUIREMENTS
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
@@ -25,6 +25,18 @@ def test_the_extension_asks_for_the_packages_that_pip_installs():
     """All but numpy, which Blender brings, and scipy, which only training and evaluation use."""
     of_pip = set(load_toml("pyproject.toml")["project"]["dependencies"]) - {"numpy>=1.26", "scipy>=1.11"}
     assert {requirement.pip for requirement in REQUIREMENTS} == of_pip
+
+
+def test_install_gpu_rendering_brings_what_the_extra_does_by_hashes_of_which_the_lock_file_has_one():
+    extra = load_toml("pyproject.toml")["project"]["optional-dependencies"]["gpu"]
+    assert [requirement.pip for requirement in GPU] == extra
+    (locked,) = re.findall(
+        r"^warp-lang==\S+ --hash=sha256:(\w+)$", (ROOT / "requirements.lock").read_text(), re.MULTILINE
+    )
+    wheels = GPU[0].wheels
+    assert locked == next(wheel.sha256 for wheel in wheels if wheel.system == "linux-x86_64")
+    assert all(re.fullmatch("[0-9a-f]{64}", wheel.sha256) for wheel in wheels)
+    assert len({wheel.sha256 for wheel in wheels}) == len({wheel.system for wheel in wheels}) == 3
 
 
 def test_the_installed_version_is_that_of_the_manifest():

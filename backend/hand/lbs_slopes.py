@@ -55,7 +55,8 @@ class VertexSubset(NamedTuple):
         for joint, parent in enumerate(skin.parents):
             if parent >= 0:
                 hangs[:, joint] += hangs[:, parent]
-        return cls(*(getattr(skin, name)[vertices] for name in names), joints, joint_slopes, hangs, skin.parents)
+        of_vertices = {name: getattr(skin, name)[vertices] for name in names}
+        return cls(**of_vertices, joints=joints, joint_slopes=joint_slopes, hangs=hangs, parents=skin.parents)
 
 
 def vertex_slopes(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import torch
@@ -53,16 +54,16 @@ def has_numba() -> bool:
     return True
 
 
-@cache
 def has_warp() -> bool:
     """Return whether Warp is installed (the extra `gpu`) and has computed a known value on the GPU.
 
-    Where it cannot, a warning says why: torch still renders there, slower.
+    Where it cannot, a warning says why: torch still renders there, slower. Blender may install it at any time.
     """
-    try:
-        import_module("warp")
-    except ModuleNotFoundError:
-        return False
+    return find_spec("warp") is not None and _warp_works()
+
+
+@cache
+def _warp_works() -> bool:
     try:
         from ..compute.gpu.backend import check_gpu
 

@@ -23,7 +23,7 @@ from typing import TypeVar
 
 from ..records.errors import LiveHandError
 from .files import MIB
-from .packages import Requirement, pip_requirements
+from .packages import Requirement, pip_requirements, wheel_here
 from .processes import is_running
 
 _AnyPath = TypeVar("_AnyPath", bound=PurePath)
@@ -40,8 +40,9 @@ def download_mb(requirements: Iterable[Requirement], index: str) -> int:
     """Return about how many megabytes pip downloads for this system; `index` is PyTorch's for CPUs, or empty."""
     wanted = tuple(requirements)
     has_cuda = sys.platform == "linux" and not index and any(one.module == "torch" for one in wanted)
-    ours = sum(one.megabytes for one in wanted) * _SHARE_OF_LINUX.get(sys.platform, 1.0)
-    return round(ours) + (_CUDA_MB if has_cuda else 0)
+    ours = sum(one.megabytes for one in wanted if not one.wheels) * _SHARE_OF_LINUX.get(sys.platform, 1.0)
+    pinned = sum(wheel.megabytes for wheel in map(wheel_here, wanted) if wheel)
+    return round(ours) + pinned + (_CUDA_MB if has_cuda else 0)
 
 
 def pip_program() -> list[str]:
@@ -202,6 +203,8 @@ class PackageInstall:
     def start(cls, requirements: Sequence[Requirement], folder: Path, index: str = "") -> PackageInstall:
         """Start to install; packages that lie in the folder already keep their versions.
 
+        Packages are either all pinned by the hashes of their files, or none is.
+
         Raises:
             LiveHandError: the disk has no room, the folder cannot be made, or this Python has no pip.
         """
@@ -211,18 +214,15 @@ class PackageInstall:
             _remove_leftovers(folder.parent)
             free_mb = shutil.disk_usage(folder).free / MIB
             temporary = _temporary_folder(folder)
-            (temporary / "held.txt").write_text("\n".join(_held_versions(folder)), encoding="utf-8")
+            wanted = _wanted(requirements, folder, temporary, index)
         except OSError as error:
             raise LiveHandError(f"{folder} must be writable ({error}); make room, or change its permissions") from error
         needed_mb = _ROOM * expected_mb
         if free_mb < needed_mb:
             shutil.rmtree(temporary, ignore_errors=True)
             raise LiveHandError(f"{folder} must have {needed_mb:,} MB of free space, got {free_mb:,.0f}; make room")
-        command = install_command(requirements, _unfinished(folder), index)
         options = ["--only-binary=:all:", "--no-compile", "--no-warn-conflicts", "--progress-bar=off"]
-        options += ["--constraint", str(temporary / "held.txt")]
-        arguments = command[command.index("install") :]
-        return cls(folder, PipJob.start([*arguments, *options], temporary), expected_mb)
+        return cls(folder, PipJob.start(["install", *options, *wanted], temporary), expected_mb)
 
     def progress(self) -> float:
         """Return how much is done, 0 to 1, by the megabytes that lie there; it never goes back."""
@@ -256,6 +256,23 @@ class PackageInstall:
         """End it; the folder is as before."""
         self.job.cancel()
         _remove_unfinished(self.folder)
+
+
+def _wanted(requirements: Sequence[Requirement], folder: Path, temporary: Path, index: str) -> list[str]:
+    """Return pip's arguments that say what is installed beside the folder, and write the files that they name."""
+    if any(one.wheels for one in requirements):
+        pinned = temporary / "pinned.txt"
+        pinned.write_text("\n".join(map(_pinned_line, requirements)), encoding="utf-8")
+        by_hash = ["--no-deps", "--require-hashes", "--requirement", str(pinned)]
+        return ["--target", str(_unfinished(folder)), *by_hash]
+    held = temporary / "held.txt"
+    held.write_text("\n".join(_held_versions(folder)), encoding="utf-8")
+    command = install_command(requirements, _unfinished(folder), index)
+    return [*command[command.index("install") + 1 :], "--constraint", str(held)]
+
+
+def _pinned_line(requirement: Requirement) -> str:
+    return " ".join([requirement.pip, *(f"--hash=sha256:{wheel.sha256}" for wheel in requirement.wheels)])
 
 
 def _unfinished(folder: _AnyPath) -> _AnyPath:

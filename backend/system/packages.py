@@ -6,17 +6,30 @@ import ctypes
 import importlib.util
 import os
 import sys
+import sysconfig
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 
+class PinnedWheel(NamedTuple):
+    """The file of a pinned package for a system, as `sysconfig.get_platform` names it; its hash and its megabytes."""
+
+    system: str
+    sha256: str
+    megabytes: int
+
+
 class Requirement(NamedTuple):
-    """A module's name, its requirement for pip, and the megabytes that pip downloads for it on Linux."""
+    """A module's name, its requirement for pip, and the megabytes that pip downloads for it on Linux.
+
+    Where it has `wheels`, pip takes one of those and nothing else, by its hash; and nothing that it needs.
+    """
 
     module: str
     pip: str
     megabytes: int = 1
+    wheels: tuple[PinnedWheel, ...] = ()
 
 
 REQUIREMENTS = (
@@ -35,6 +48,18 @@ PICTURES = (Requirement("scipy", "scipy>=1.11", 37), Requirement("cv2", "opencv-
 """What avatars from a film or photographs need beside those."""
 CAMERA = (Requirement("av", "av>=14", 36),)
 """What hands that follow a camera need beside those."""
+GPU = (
+    Requirement(
+        "warp",
+        "warp-lang==1.19.0",  # as the extra `gpu`; beside numpy, which Blender brings, it needs nothing
+        wheels=(
+            PinnedWheel("linux-x86_64", "c797f5f4aa9925f676e20dd28e5416fee794499f3f3c0a5b66f2d4dfc2de9e32", 149),
+            PinnedWheel("linux-aarch64", "bc1511b8d5d987a69c2b18edbad721a8949b9f3622a91e3f9187a208fa9e3fab", 148),
+            PinnedWheel("win-amd64", "bb4865dde4c2ae916d3d2a4e20ed1cd406e1d0a76ae722c3c574a9d43385c4d9", 135),
+        ),
+    ),
+)
+"""What whole frames on an NVIDIA GPU need beside those."""
 
 _SLIM_LINUX_TORCH = "torch==2.13.0+cpu"
 _WINDOWS_TORCH = "torch>=2.6,<2.13"  # files of 2.13 have longer paths than Windows takes
@@ -61,6 +86,11 @@ def pip_requirements(
 def is_installed(requirement: Requirement) -> bool:
     """Return whether this Python finds the package; it is not imported."""
     return importlib.util.find_spec(requirement.module) is not None
+
+
+def wheel_here(requirement: Requirement) -> PinnedWheel | None:
+    """Return a pinned package's file for this system; None: it has none, or is not pinned."""
+    return next((wheel for wheel in requirement.wheels if wheel.system == sysconfig.get_platform()), None)
 
 
 def missing_of(requirements: Iterable[Requirement]) -> tuple[Requirement, ...]:

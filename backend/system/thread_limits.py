@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 
 # Iterations of a waiting loop: the library's default is 300,000, which takes 8 ms and more.
 _GNU_SPINS = "0"
@@ -15,7 +15,7 @@ _LLVM_BLOCK_MS = "0"
 _BLAS_THREADS = "1"
 
 
-def blas_settings() -> Mapping[str, str]:
+def blas_settings() -> dict[str, str]:
     """Return the environment in which numpy's products and solvers take one thread; the user's own settings win.
 
     Ours are small. With two threads, on cores that other programs use, one waits for the other nearly all the time: the

@@ -48,6 +48,12 @@ def released_index() -> str:
     return _INDEX_FILE.read_text(encoding="utf-8").strip() if _INDEX_FILE.is_file() else ""
 
 
+def package_index(context: bpy.types.Context) -> str:
+    """Return the index of packages that pip asks beside its own; empty if there is none."""
+    addon = context.preferences.addons.get(EXTENSION)
+    return addon.preferences.package_index.strip() if addon and addon.preferences else released_index()
+
+
 def missing_packages(error: ImportError) -> str:
     """Say what is missing: in Blender's window, which has a button, and to who reads a farm's log."""
     missing = missing_requirements()

@@ -8,24 +8,27 @@ import bpy
 from bpy.props import EnumProperty
 
 from ...backend.records.errors import LiveHandError
+from ...backend.system.gpu_driver import cuda_of_driver, driver_fault
 from ...backend.system.package_files import PackageFetch
 from ...backend.system.package_install import PackageInstall, PipJob, download_mb, install_command
-from ...backend.system.packages import CAMERA, PICTURES, Requirement, missing_of, missing_requirements
+from ...backend.system.packages import CAMERA, GPU, PICTURES, Requirement, missing_of, missing_requirements, wheel_here
 from ...backend.system.shells import Shell, command_line, shells_of
 from ...backend.tracking.weights import PACKAGE, has_networks, keep_networks
 from ..render.engine import prepare_now
-from ..render.package_folder import packages_folder, use_packages
+from ..render.memory import free_memory
+from ..render.package_folder import package_index, packages_folder, use_packages
 from ..scene.settings import ENGINE
 from .mixins import Tab
-from .preferences import package_index
 
 _INTERVAL_S = 0.25
 _PURPOSES = (
     ("RENDER", "Rendering", "What every picture of a hand needs"),
     ("PICTURES", "Avatars from Pictures", "What avatars from a film or photographs need beside that"),
     ("CAMERA", "Live Hands", "What hands that follow a camera need beside that"),
+    ("GPU", "GPU Rendering", "What frames on an NVIDIA GPU need beside that"),
 )
 _SHELLS = tuple((shell.name, shell.value, f"A line for {shell.value}") for shell in shells_of())
+_GPU_TITLE = "Install GPU Rendering"
 _OFFLINE = "Online access is off: allow it in Preferences > System > Network"
 _NOT_AN_EXTENSION = "LiveHand is a pip package here: install the others with pip, too"
 
@@ -70,6 +73,11 @@ class RunsPip:
     bl_label: ClassVar[str]
     report: Any
 
+    @property
+    def title(self) -> str:
+        """What it does, for users."""
+        return self.bl_label
+
     def start(self, context: bpy.types.Context) -> _Task:
         """Start the task; raises a LiveHandError."""
         raise NotImplementedError
@@ -87,7 +95,7 @@ class RunsPip:
         if bpy.app.background or context.window is None:
             self._task.job.wait()
             return self._finish()
-        RunningTask.begin(self._task, self.bl_label)
+        RunningTask.begin(self._task, self.title)
         self._timer = context.window_manager.event_timer_add(_INTERVAL_S, window=context.window)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
@@ -100,10 +108,10 @@ class RunsPip:
         if RunningTask.now is not self._task:
             self._stop(context)
             self._task.cancel()
-            self.report({"INFO"}, f"{self.bl_label}: canceled, nothing has changed")
+            self.report({"INFO"}, f"{self.title}: canceled, nothing has changed")
             return {"CANCELLED"}
         if self._task.job.is_running:
-            context.workspace.status_text_set(f"{self.bl_label}: {self._task.job.last_line}")
+            context.workspace.status_text_set(f"{self.title}: {self._task.job.last_line}")
             return {"PASS_THROUGH"}
         self._stop(context)
         return self._finish()
@@ -124,7 +132,7 @@ class RunsPip:
         except LiveHandError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, f"{self.bl_label}: done")
+        self.report({"INFO"}, f"{self.title}: done")
         return {"FINISHED"}
 
 
@@ -136,6 +144,11 @@ class LIVEHAND_OT_install_packages(RunsPip, bpy.types.Operator):
     bl_options = {"INTERNAL"}
 
     purpose: EnumProperty(name="For", items=_PURPOSES)
+
+    @property
+    def title(self) -> str:
+        """What it does, for users."""
+        return _GPU_TITLE if self.purpose == "GPU" else self.bl_label
 
     @classmethod
     def poll(cls, context):
@@ -158,6 +171,9 @@ class LIVEHAND_OT_install_packages(RunsPip, bpy.types.Operator):
         outcome = super()._finish()
         use_packages()
         if outcome == {"FINISHED"}:
+            if self.purpose == "GPU":
+                free_memory()  # renderers that are loaded have chosen how they use the GPU
+                self.report({"INFO"}, "Device CUDA, in Advanced > Performance, now renders on the GPU")
             _begin_to_render()
         return outcome
 
@@ -256,7 +272,7 @@ def missing_for(purpose: str) -> tuple[Requirement, ...]:
     """List what is missing for a purpose of `LIVEHAND_OT_install_packages`."""
     if purpose == "RENDER":
         return missing_requirements()
-    return missing_of({"PICTURES": PICTURES, "CAMERA": CAMERA}[purpose])
+    return missing_of({"PICTURES": PICTURES, "CAMERA": CAMERA, "GPU": GPU}[purpose])
 
 
 def draw_packages(layout: bpy.types.UILayout, context: bpy.types.Context, purpose: str = "RENDER") -> None:
@@ -266,6 +282,29 @@ def draw_packages(layout: bpy.types.UILayout, context: bpy.types.Context, purpos
         column.label(text="Python packages missing", icon="INFO")
         _draw_online(column)
         _draw_install(column, context, purpose, "Install Packages")
+
+
+def draw_install(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw what installs the packages that rendering needs, or the progress."""
+    if not draw_progress(layout):
+        _draw_online(layout)
+        _draw_install(layout, context, "RENDER", "Install Packages")
+
+
+def draw_gpu(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw how to install what frames on a GPU need, or what then renders there; draws nothing without its driver."""
+    driver = cuda_of_driver()
+    if driver is None or not all(map(wheel_here, GPU)):
+        return
+    column = layout.column(align=True)
+    if fault := driver_fault(driver):
+        column.label(text="For GPU rendering:", icon="INFO")
+        column.label(text=fault)
+    elif not missing_for("GPU"):
+        column.label(text="Device CUDA renders on GPU", icon="CHECKMARK")
+    elif not draw_progress(column):
+        _draw_online(column)
+        _draw_install(column, context, "GPU", _GPU_TITLE)
 
 
 def draw_offer(layout: bpy.types.UILayout, context: bpy.types.Context, purpose: str, title: str) -> None:

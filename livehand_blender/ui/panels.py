@@ -10,6 +10,7 @@ from ..rig.sliders import slider_path
 from ..scene.settings import ENGINE
 from .avatars import draw_choice
 from .mixins import AdvancedTab, HandTab, Tab, polled_hand
+from .packages import draw_gpu
 from .person import draw_person
 from .shape import shape_names
 from .studio import draw_studio
@@ -140,6 +141,7 @@ class LIVEHAND_PT_performance(AdvancedTab, bpy.types.Panel):
         layout.use_property_decorate = False
         for name in ("device", "precision"):
             layout.prop(context.scene.livehand, name)
+        draw_gpu(layout, context)
         column = layout.column(heading="")
         column.use_property_split = False
         column.prop(context.scene.livehand, "free_after_render")

@@ -10,6 +10,7 @@ from bpy.props import StringProperty
 from ...backend.system.packages import REQUIREMENTS, is_installed
 from ...backend.system.shells import shells_of
 from ..render.package_folder import released_index
+from .packages import draw_gpu, draw_install
 
 # `bl_ext.<repository>.livehand` for an extension, `livehand` for a pip package.
 _ADDON = (__package__ or "").removesuffix(".livehand_blender.ui")
@@ -32,16 +33,17 @@ class LIVEHAND_AP_preferences(bpy.types.AddonPreferences):
     )
 
     def draw(self, context):
-        """Draw the folder, the missing packages, and how to install them here or in a terminal."""
+        """Draw the folder, the missing packages, how to install them here or in a terminal, and GPU rendering."""
         self.layout.prop(self, "avatar_folder")
         missing = [requirement.module for requirement in REQUIREMENTS if not is_installed(requirement)]
         if not missing:
             self.layout.label(text="All Python packages are installed", icon="CHECKMARK")
+            draw_gpu(self.layout, context)
             return
         self.layout.prop(self, "package_index")
         column = self.layout.column(align=True)
         column.label(text=f"Missing: {', '.join(missing)}", icon="ERROR")
-        column.operator("livehand.install_packages", icon="IMPORT").purpose = "RENDER"
+        draw_install(column, context)
         for shell in shells_of():
             text = f"Copy Command for {shell.value}"
             column.operator("livehand.copy_install_command", text=text, icon="COPYDOWN").shell = shell.name
@@ -64,9 +66,3 @@ def library_folder(context: bpy.types.Context) -> Path:
         folder = Path(bpy.utils.user_resource("DATAFILES", path="livehand/avatars", create=True))
     folder.mkdir(parents=True, exist_ok=True)
     return folder
-
-
-def package_index(context: bpy.types.Context) -> str:
-    """Return the index of packages that pip asks beside its own; empty if there is none."""
-    addon = context.preferences.addons.get(_ADDON)
-    return addon.preferences.package_index.strip() if addon and addon.preferences else released_index()

@@ -1,18 +1,25 @@
 """Install Packages and Get Hand Tracker: only online and when asked, in steps that a window watches, to be canceled."""
 
+import hashlib
 import sys
+import sysconfig
 from types import SimpleNamespace
 
 import bpy
+import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.system import packages as dependencies
+from livehand.backend.system.gpu_driver import CudaVersion
 from livehand.livehand_blender.render import package_folder
+from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.render.package_folder import forget_packages, packages_folder, use_packages
 from livehand.livehand_blender.ui import packages, preferences
 from livehand.livehand_blender.ui.packages import LIVEHAND_PT_packages, RunningTask
+from livehand.livehand_blender.ui.panels import LIVEHAND_PT_performance
 from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 from livehand.tests.blender.test_panels import Layout, clipped, drawn_layout
+from livehand.tests.fake_wheels import fake_wheel
 
 FAKE = dependencies.Requirement("livehand_missing_package", "livehand-missing-package>=1", 12)
 IS_ONLINE = SimpleNamespace(online_access=True, background=True, binary_path="", version=bpy.app.version)
@@ -259,3 +266,126 @@ def test_a_release_names_the_index_of_its_packages(tmp_path, monkeypatch):
     monkeypatch.setattr(package_folder, "_INDEX_FILE", tmp_path / "package_index.txt")
     (tmp_path / "package_index.txt").write_text("https://example.org/cpu\n")
     assert package_folder.released_index() == "https://example.org/cpu"
+
+
+HERE = sysconfig.get_platform()
+NEW, OLD = CudaVersion(13, 0), CudaVersion(12, 9)
+GPU_BUTTON = ["livehand.install_packages", "GPU"]
+
+
+@pytest.fixture
+def gpu(monkeypatch):
+    """A system with a driver whose package for GPUs is a fake one, of 7 MB, and missing."""
+
+    def put(driver, system=HERE, module="livehand_fake_gpu"):
+        wheels = (dependencies.PinnedWheel(system, "0" * 64, 7),)
+        monkeypatch.setattr(
+            packages, "GPU", (dependencies.Requirement(module, "livehand-fake-gpu==1.0", wheels=wheels),)
+        )
+        monkeypatch.setattr(packages, "cuda_of_driver", lambda: driver)
+
+    monkeypatch.setattr(RunningTask, "now", None)
+    return put
+
+
+@pytest.mark.parametrize("place", [LIVEHAND_AP_preferences, LIVEHAND_PT_performance])
+def test_gpu_rendering_is_offered_with_its_size_where_a_driver_is(gpu, online, place):
+    gpu(NEW)
+    layout = drawn_layout(place)
+    at = layout.drawn.index(GPU_BUTTON[0])
+    assert layout.drawn[at : at + 2] == GPU_BUTTON
+    texts = [part[0] for inner in layout.parts if isinstance(inner, Layout) for part in inner.parts]
+    assert "Install GPU Rendering (7 MB)" in texts
+    assert list(clipped(drawn_layout(LIVEHAND_PT_performance))) == []
+
+
+@pytest.mark.parametrize("place", [LIVEHAND_AP_preferences, LIVEHAND_PT_performance])
+@pytest.mark.parametrize(
+    ("driver", "system", "module", "said"),
+    [
+        (None, HERE, "livehand_fake_gpu", []),
+        (NEW, "elsewhere", "livehand_fake_gpu", []),
+        (OLD, HERE, "livehand_fake_gpu", ["update the NVIDIA driver (CUDA 13)"]),
+        (NEW, HERE, "livehand", ["Device CUDA renders on GPU"]),
+    ],
+)
+def test_it_is_not_offered_where_it_cannot_be_or_is_there(gpu, online, place, driver, system, module, said):
+    gpu(driver, system, module)
+    drawn = drawn_layout(place).drawn
+    assert GPU_BUTTON[0] not in drawn
+    assert [text for text in drawn if "CUDA" in text] == said
+    assert list(clipped(drawn_layout(LIVEHAND_PT_performance))) == []
+
+
+def test_its_progress_stands_in_place_of_the_button_and_offline_blenders_own_button_before_it(gpu, monkeypatch):
+    gpu(NEW)
+    monkeypatch.setattr(bpy.context.preferences.system, "use_online_access", False)
+    drawn = drawn_layout(LIVEHAND_AP_preferences).drawn
+    assert drawn[-3:] == ["extensions.userpref_allow_online", *GPU_BUTTON]
+    RunningTask.begin(Task(), "Install GPU Rendering")
+    assert drawn_layout(LIVEHAND_AP_preferences).drawn[-2:] == [("Install GPU Rendering", 0.25), "livehand.cancel_task"]
+
+
+@pytest.fixture
+def gpu_index(tmp_path, monkeypatch):
+    """An index that has the package for GPUs, by its hash, and a folder of an extension's own."""
+    wheel = fake_wheel(tmp_path / "index", "livehand-fake-gpu", needs=["numpy"])
+    sha256 = hashlib.sha256(wheel.read_bytes()).hexdigest()
+    wheels = (dependencies.PinnedWheel(HERE, sha256, 7),)
+    wanted = (dependencies.Requirement("livehand_fake_gpu", "livehand-fake-gpu==1.0", wheels=wheels),)
+    monkeypatch.setattr(packages, "GPU", wanted)
+    for module in (packages, package_folder):
+        monkeypatch.setattr(module, "packages_folder", lambda: tmp_path / "packages" / "py311")
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(RunningTask, "now", None)
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "index"))
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_gpu_rendering_is_installed_and_what_is_loaded_chooses_again(gpu_index, online, capfd):
+    session = LiveHandRender.required_session()
+    session._renderers["one that is loaded"] = object()
+    assert bpy.ops.livehand.install_packages(purpose="GPU") == {"FINISHED"}
+    assert (gpu_index / "packages" / "py311" / "livehand_fake_gpu" / "__init__.py").is_file()
+    assert sys.path[-1] == str(gpu_index / "packages" / "py311")
+    assert packages.missing_for("GPU") == ()
+    assert session._renderers == {}
+    said = capfd.readouterr().out
+    assert "Install GPU Rendering: done" in said
+    assert "Device CUDA, in Advanced > Performance, now renders on the GPU" in said
+    with pytest.raises(RuntimeError, match="nothing to install"):
+        bpy.ops.livehand.install_packages(purpose="GPU")
+
+
+@pytest.mark.slow
+def test_gpu_rendering_of_another_hash_is_refused_and_renderers_stay(gpu_index, online):
+    fake_wheel(gpu_index / "index", "livehand-fake-gpu", licence="another")
+    session = LiveHandRender.required_session()
+    session._renderers["one that is loaded"] = loaded = object()
+    try:
+        with pytest.raises(RuntimeError, match="DO NOT MATCH THE HASHES"):
+            bpy.ops.livehand.install_packages(purpose="GPU")
+        assert session._renderers == {"one that is loaded": loaded}
+    finally:
+        session.free()
+    assert len(packages.missing_for("GPU")) == 1
+    assert list((gpu_index / "packages" / "py311").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_other_packages_leave_what_is_loaded_and_say_nothing_of_a_gpu(gpu_index, online, monkeypatch, capfd):
+    fake_wheel(gpu_index / "index", "livehand-fake-camera")
+    fake_wheel(gpu_index / "index", "numpy", np.__version__)
+    monkeypatch.setattr(packages, "CAMERA", (dependencies.Requirement("livehand_fake_camera", "livehand-fake-camera"),))
+    session = LiveHandRender.required_session()
+    session._renderers["one that is loaded"] = loaded = object()
+    try:
+        assert bpy.ops.livehand.install_packages(purpose="CAMERA") == {"FINISHED"}
+        assert session._renderers == {"one that is loaded": loaded}
+    finally:
+        session.free()
+    said = capfd.readouterr().out
+    assert "Install Packages: done" in said
+    assert "GPU" not in said

@@ -10,7 +10,7 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.system import packages as dependencies
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.sliders import SLIDERS
-from livehand.livehand_blender.ui import avatars, compositing, hand_model, look, motion, panels, picker, video
+from livehand.livehand_blender.ui import avatars, compositing, hand_model, look, motion, packages, panels, picker, video
 from livehand.livehand_blender.ui import rigs as retarget
 
 UI = bpy.types.UILayout.bl_rna.functions
@@ -217,7 +217,8 @@ def test_the_compositor_offers_both_set_ups():
         assert panel.poll(SimpleNamespace(space_data=SimpleNamespace(tree_type=kind))) is is_shown
 
 
-def test_the_render_panel_offers_the_engine_until_it_is_set():
+def test_the_render_panel_offers_the_engine_until_it_is_set(monkeypatch):
+    monkeypatch.setattr(packages, "cuda_of_driver", lambda: None)
     assert "livehand.set_engine" in draw(panels.LIVEHAND_PT_render)
     bpy.ops.livehand.set_engine()
     assert draw(panels.LIVEHAND_PT_render) == ["mode", "blur_samples", "skin_detail", "keep_look"]

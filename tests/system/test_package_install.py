@@ -1,9 +1,11 @@
 """Packages that pip installs into a folder of LiveHand's own: all of them or none, and numpy stays Blender's."""
 
+import hashlib
 import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import time
 from pathlib import PureWindowsPath
 from types import SimpleNamespace
@@ -19,7 +21,7 @@ from livehand.backend.system.package_install import (
     install_command,
     pip_program,
 )
-from livehand.backend.system.packages import REQUIREMENTS, Requirement, pip_requirements
+from livehand.backend.system.packages import GPU, REQUIREMENTS, PinnedWheel, Requirement, pip_requirements, wheel_here
 from livehand.tests.fake_wheels import fake_wheel
 
 pytestmark = pytest.mark.slow
@@ -93,6 +95,64 @@ def test_a_package_that_is_not_there_is_an_error_and_changes_nothing(index, fold
         install.finish()
     assert installed(folder) == []
     assert installed(folder.parent) == ["py311"]
+
+
+def pinned(path, sha256=None):
+    """What asks for the wheel at a path by its hash, or by another one, beside another system's."""
+    ours = PinnedWheel(sysconfig.get_platform(), sha256 or hashlib.sha256(path.read_bytes()).hexdigest(), 3)
+    name = path.name.split("-")[0]
+    return (Requirement(name, f"{name.replace('_', '-')}==1.0", wheels=(PinnedWheel("elsewhere", "0" * 64, 9), ours)),)
+
+
+def test_a_pinned_package_comes_by_its_hash_beside_others_and_without_what_it_needs(index, folder):
+    inner = PackageInstall.start((Requirement("livehand_inner", "livehand-inner"),), folder)
+    inner.job.wait()
+    inner.finish()
+    wheel = fake_wheel(index, "livehand-kernels", needs=["livehand-fake", "numpy"])
+    install = PackageInstall.start(pinned(wheel), folder)
+    install.job.wait()
+    install.finish()
+    names = [name for name in installed(folder) if "dist-info" not in name]
+    assert names == ["livehand_inner", "livehand_kernels"]
+    assert installed(folder.parent) == ["py311"]
+
+
+def test_a_pinned_package_of_another_hash_is_refused_and_nothing_is_kept(index, folder):
+    wheel = fake_wheel(index, "livehand-kernels")
+    install = PackageInstall.start(pinned(wheel, "1" * 64), folder)
+    install.job.wait()
+    with pytest.raises(LiveHandError, match="pip must install the packages, got: THESE PACKAGES DO NOT MATCH THE HASH"):
+        install.finish()
+    assert installed(folder) == []
+    assert installed(folder.parent) == ["py311"]
+
+
+def test_a_pinned_package_that_no_index_has_is_an_error(index, folder):
+    wheel = fake_wheel(index, "livehand-kernels")
+    wanted = pinned(wheel)
+    wheel.unlink()
+    install = PackageInstall.start(wanted, folder)
+    install.job.wait()
+    with pytest.raises(LiveHandError, match=r"pip must install the packages, got: .*livehand-kernels==1\.0.*; check"):
+        install.finish()
+    assert installed(folder) == []
+
+
+@pytest.mark.parametrize(
+    ("system", "megabytes"),
+    [("linux-x86_64", 149), ("linux-aarch64", 148), ("win-amd64", 135), ("macosx-11.0-arm64", 0)],
+)
+def test_a_pinned_package_has_the_size_of_its_own_file_for_a_system(monkeypatch, folder, system, megabytes):
+    monkeypatch.setattr(sysconfig, "get_platform", lambda: system)
+    assert download_mb(GPU, "") == download_mb(GPU, "somewhere") == megabytes
+    assert (wheel_here(GPU[0]) is None) == (megabytes == 0)
+    assert download_mb((*GPU, Requirement("a", "a", 100)), "") - megabytes == download_mb(
+        (Requirement("a", "a", 100),), ""
+    )
+    assert wheel_here(REQUIREMENTS[0]) is None
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=5 * megabytes * (1 << 20) - 1))
+    with pytest.raises(LiveHandError, match=f"must have {5 * megabytes} MB of free space"):
+        PackageInstall.start(GPU, folder)
 
 
 def test_a_canceled_install_ends_its_process_and_leaves_nothing(folder, monkeypatch):

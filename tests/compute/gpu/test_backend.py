@@ -28,10 +28,10 @@ CUDA = torch.device("cuda")
 
 @pytest.fixture(autouse=True)
 def search_again():
-    """Warp is searched once per process."""
-    backends.has_warp.cache_clear()
+    """Warp is tried once per process."""
+    backends._warp_works.cache_clear()
     yield
-    backends.has_warp.cache_clear()
+    backends._warp_works.cache_clear()
 
 
 def test_known_values_are_computed(monkeypatch):
@@ -96,9 +96,19 @@ def test_what_renders_on_a_gpu_is_there_if_warp_works(monkeypatch):
     monkeypatch.setattr(warp_module, "check_gpu", lambda: None)
     assert isinstance(backends.gpu_renderer(), FramesOnGpu)
     assert backends.gpu_renderer().device == "cuda:0"
-    backends.has_warp.cache_clear()
     monkeypatch.setitem(sys.modules, "warp", None)
     assert backends.gpu_renderer() is None
+
+
+def test_warp_is_used_as_soon_as_it_is_installed(monkeypatch):
+    """By Install GPU Rendering, in a Blender that has rendered without it."""
+    monkeypatch.setattr(warp_module, "check_gpu", lambda: None)
+    with monkeypatch.context() as before:
+        before.setitem(sys.modules, "warp", None)
+        assert backends.gpu_renderer() is None
+        assert not isinstance(backends.choose_backend(CUDA), WarpBackend)
+    assert isinstance(backends.gpu_renderer(), FramesOnGpu)
+    assert isinstance(backends.choose_backend(CUDA), WarpBackend)
 
 
 @pytest.mark.slow
