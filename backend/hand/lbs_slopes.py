@@ -62,9 +62,9 @@ class VertexSubset(NamedTuple):
 def vertex_slopes(
     part: VertexSubset,
     theta: Float[Tensor, "16 3"],
-    beta: Float[Tensor, 10],
-    transl: Float[Tensor, 3],
-    forearm: Float[Tensor, 3],
+    beta: Float[Tensor, " 10"],
+    transl: Float[Tensor, " 3"],
+    forearm: Float[Tensor, " 3"],
 ) -> VertexSlopes:
     """Pose vertices as `pose_hand` does, and say how each moves by each parameter."""
     posed = _PosedPart.of(part, theta, beta, forearm)
@@ -81,9 +81,9 @@ def vertex_slopes(
 def posed_part(
     part: VertexSubset,
     theta: Float[Tensor, "16 3"],
-    beta: Float[Tensor, 10],
-    transl: Float[Tensor, 3],
-    forearm: Float[Tensor, 3],
+    beta: Float[Tensor, " 10"],
+    transl: Float[Tensor, " 3"],
+    forearm: Float[Tensor, " 3"],
 ) -> Float[Tensor, "N 3"]:
     """Pose vertices as `pose_hand` does."""
     return _PosedPart.of(part, theta, beta, forearm).vertices + transl
