@@ -31,6 +31,7 @@ from .albedo.completion import CompletedRatio, completed_ratio, with_unseen_deta
 from .albedo.gathering import gathered_ratio
 from .fit.hand_size import with_mean_proportions
 from .fit.refit import refitted
+from .fit.stray_fingers import without_stray_fingers
 from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lit_model.illumination import (
     PICTURES_OF_SCENE,
@@ -235,9 +236,10 @@ def person_of_pictures(
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
         hand, melanin = fitted.fitted(hand), fitted.melanin
     lamps = None
-    for rounds in _later_rounds(hand, options):
+    for index, rounds in enumerate(_later_rounds(hand, options)):
         base, of_rounds = shaped(bases.nearest(melanin), hand), replace(options, rounds=rounds)
         made = made_person(base, hand, bases.family, of_rounds, log, lamps)
+        hand = _with_mended_fingers(made, hand, log) if index == 0 else hand
         hand = _refitted(made, hand, options.length_m, None, log)
         melanin, lamps = made.completed.numbers.melanin, made.lamps
     base = shaped(bases.nearest(melanin), hand)
@@ -281,7 +283,8 @@ def lines_of_making(hand: PicturedHand, options: MakingOptions) -> int:
     scenes = len({picture.scene for picture in hand.pictures})
     refits = _refits(hand, options)
     of_refits = 0 if hand.is_calibrated else sum(map(len, refits))
-    of_later = sum(scenes + len(rounds) + 1 for rounds in _later_rounds(hand, options))
+    later = _later_rounds(hand, options)
+    of_later = sum(scenes + len(rounds) + 1 for rounds in later) + bool(later)
     return len(refits) * (scenes + 1) + of_refits + of_later + scenes + len(options.rounds)
 
 
@@ -310,6 +313,12 @@ def _refitted(
     refit = refitted(made.model, hand.pictures, made.lights, length_m=length_m, longest_px=longest_px)
     log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
     return replace(hand, pictures=refit.pictures)
+
+
+def _with_mended_fingers(made: MadePerson, hand: PicturedHand, log: Log) -> PicturedHand:
+    pictures, count = without_stray_fingers(made.model, hand.pictures, made.lights)
+    log(f"fingers that were bent the wrong way: in {count} pictures")
+    return replace(hand, pictures=pictures)
 
 
 _EARLY_LIGHT_PICTURES = 4

@@ -88,7 +88,7 @@ def pose_targets(model: PersonModel, picture: HandPicture, light: Illumination) 
     ours = _grey(encoded_colours(picture, rendered), (seen.is_seen & is_known).astype(np.float32))
     theirs = _grey(picture.rgb.astype(np.float32) / 255, is_hand.astype(np.float32))
     flow = flow_between(ours, theirs, 1.5)
-    visible = _visible_vertices(seen, px, depth)
+    visible = visible_vertices(seen, px, depth)
     weight = visible * np.exp(-(bilinear(flow.error_px, px) ** 2) / (2 * _FLOW_ERROR_PX**2))
     weight = weight * (nearest(picture.labels, px) != UNKNOWN)
     shift = bilinear(flow.px, px)
@@ -102,7 +102,7 @@ def _grey(encoded: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return mask * ((1 - _MASK_SHARE) * encoded.mean(-1) + _MASK_SHARE)
 
 
-def _visible_vertices(seen: GeometryMaps, px: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def visible_vertices(seen: GeometryMaps, px: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """Find (1) the vertices [V] that the picture shows, which lie on the surface or just below it."""
     shown = nearest(np.where(seen.is_seen, seen.depth, np.inf), px)
     height, width = seen.is_seen.shape
