@@ -42,7 +42,9 @@ def without_stray_fingers(
     """
     missed = np.array(parallel_map(lambda one: finger_misses(model, one, lights[one.scene]), pictures))
     suffices = np.isfinite(missed).sum(0) >= _FEWEST_PICTURES
-    usual = np.array([np.nanmedian(each) if enough else np.inf for each, enough in zip(missed.T, suffices, strict=True)])
+    usual = np.array(
+        [np.nanmedian(each) if enough else np.inf for each, enough in zip(missed.T, suffices, strict=True)]
+    )
     is_alone = np.array([picture.moment is None for picture in pictures])  # no other picture shares its pose
     is_stray = is_alone[:, None] & (np.nan_to_num(missed) > _STRAY * np.maximum(usual, _LEAST_USUAL))
     mended = list(pictures)
