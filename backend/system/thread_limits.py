@@ -10,8 +10,6 @@ from collections.abc import Generator
 # Iterations of a waiting loop: the library's default is 300,000, which takes 8 ms and more.
 _GNU_SPINS = "0"
 _LLVM_BLOCK_MS = "0"
-
-
 _BLAS_THREADS = "1"
 
 

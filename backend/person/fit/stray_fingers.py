@@ -14,8 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from ...hand.model import HandModel
-from ...records.hand_picture import HandPicture
+from ...records.hand_picture import UNKNOWN, HandPicture
 from ...system.parallel_map import parallel_map
+from ..lit_model.flow import nearest
 from ..lit_model.illumination import Illumination, encoded_colours
 from ..lit_model.model import PersonModel
 from .pose_targets import visible_vertices
@@ -55,16 +56,20 @@ def without_stray_fingers(
 
 
 def finger_misses(model: PersonModel, picture: HandPicture, light: Illumination) -> np.ndarray:
-    """Measure by how much the colours at each finger's vertices [5] miss the picture's, encoded; NaN if it hides."""
+    """Measure by how much the colours at each finger's vertices [5] miss the picture's, encoded.
+
+    NaN of a finger that is hidden, by the hand or by what is labelled unknown.
+    """
     small = made_smaller(picture, _LONGEST_PX)
     frame, seen = model.rendered(small.pose, small.camera, light.light), model.seen(small.pose, small.camera)
     straight = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3) * light.tint.astype(np.float32)
     missed = np.abs(encoded_colours(small, straight) - small.rgb / 255).mean(-1)
     px, depth = small.camera.project(model.vertices(small.pose))
-    is_visible, finger_of = visible_vertices(seen, px, depth) > 0, _finger_of(model.hand)
+    is_shown = (visible_vertices(seen, px, depth) > 0) & (nearest(small.labels, px) != UNKNOWN)
+    finger_of = _finger_of(model.hand)
     found = np.full(_FINGERS, np.nan)
     for finger in range(_FINGERS):
-        column, row = np.floor(px[is_visible & (finger_of == finger)]).astype(int).T
+        column, row = np.floor(px[is_shown & (finger_of == finger)]).astype(int).T
         if len(row) >= _FEWEST_VERTICES:
             found[finger] = missed[row, column].mean()
     return found

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from livehand.backend.person.fit.stray_fingers import finger_misses, without_stray_fingers
 from livehand.backend.person.lit_model.illumination import Illumination, lobe_directions
+from livehand.backend.records.hand_picture import UNKNOWN
 from livehand.tests.person.conftest import VIEWS, middle_person, pictured
 
 pytest.importorskip("cv2")
@@ -50,3 +51,13 @@ def test_pictures_that_share_a_pose_and_few_pictures_are_left_alone(shown):
     shared = [replace(each, moment=1) for each in stray]
     assert without_stray_fingers(middle_person(), shared, lights)[1] == 0
     assert without_stray_fingers(middle_person(), stray[:4], lights)[1] == 0
+
+
+def test_what_hides_a_finger_says_nothing_of_its_bend(shown):
+    """A thing that is painted over the middle of one picture: unknown pixels are not compared."""
+    pictures, lights = shown
+    rgb, labels = pictures[2].rgb.copy(), pictures[2].labels.copy()
+    rgb[:], labels[:] = (0, 255, 0), UNKNOWN
+    hidden = [replace(each, rgb=rgb, labels=labels) if index == 2 else each for index, each in enumerate(pictures)]
+    assert np.isnan(finger_misses(middle_person(), hidden[2], lights[0])).all()
+    assert without_stray_fingers(middle_person(), hidden, lights)[1] == 0
