@@ -20,6 +20,7 @@ import torch
 from ..records.errors import LiveHandError
 from ..records.hand_picture import PicturedHand
 from ..records.light import Light
+from ..records.shot import HandPose
 from ..surface.albedo_ratio import ratio_steps
 from ..surface.atlas_masks import marks_map
 from ..surface.atlas_texels import AtlasTexels
@@ -30,7 +31,7 @@ from .albedo.agreement import GatheredRatio
 from .albedo.completion import CompletedRatio, completed_ratio, with_unseen_detail
 from .albedo.gathering import gathered_ratio
 from .fit.hand_size import with_mean_proportions
-from .fit.refit import refitted
+from .fit.refit import Refit, refitted
 from .fit.stray_fingers import without_stray_fingers
 from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lit_model.illumination import (
@@ -226,21 +227,24 @@ def person_of_pictures(
         options = replace(options, rounds=tuple(each._replace(with_flow=False) for each in options.rounds))
     if options.fits_poses:
         hand = with_mean_proportions(hand, bases.nearest(FIRST_MELANIN).hand)
+    sighted = [picture.pose for picture in hand.pictures]
     early = replace(options, rounds=(COARSE_ROUND,), finds_lamps=False)
     if not hand.is_calibrated:
         early = replace(early, light_pictures=_EARLY_LIGHT_PICTURES)
     melanin = FIRST_MELANIN
     for index, refits in enumerate(_refits(hand, options)):
         base = shaped(bases.nearest(melanin), hand)
-        round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
+        round_of = partial(_early_round, base, hand, bases.family, early, refits, sighted, log)
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
         hand, melanin = fitted.fitted(hand), fitted.melanin
     lamps = None
     for index, rounds in enumerate(_later_rounds(hand, options)):
         base, of_rounds = shaped(bases.nearest(melanin), hand), replace(options, rounds=rounds)
         made = made_person(base, hand, bases.family, of_rounds, log, lamps)
-        hand = _with_mended_fingers(made, hand, log) if index == 0 else hand
-        hand = _refitted(made, hand, options.length_m, None, log)
+        if index == 0:
+            hand, sighted = _with_mended_fingers(made, hand, sighted, log)
+        refit = _refitted(made, hand, options.length_m, None, sighted, log)
+        hand = replace(hand, pictures=refit.pictures, offset_m=refit.offset_m)
         melanin, lamps = made.completed.numbers.melanin, made.lamps
     base = shaped(bases.nearest(melanin), hand)
     return _with_unseen_detail(made_person(base, hand, bases.family, options, log, lamps)), hand
@@ -296,29 +300,44 @@ def _refits(hand: PicturedHand, options: MakingOptions) -> tuple[_Refits, ...]:
 
 
 def _early_round(
-    base: PersonModel, hand: PicturedHand, family: ToneFamily, options: MakingOptions, refits: _Refits, log: Log
+    base: PersonModel,
+    hand: PicturedHand,
+    family: ToneFamily,
+    options: MakingOptions,
+    refits: _Refits,
+    sighted: Sequence[HandPose],
+    log: Log,
 ) -> FittedRound:
     made = made_person(base, hand, family, options, log)
     for longest_px in refits:
         if hand.is_calibrated:
             hand = fitted_to_skin(made.model, hand, made.lights)
         else:
-            hand = _refitted(made, hand, options.length_m, longest_px, log)
+            refit = _refitted(made, hand, options.length_m, longest_px, sighted, log)
+            hand = replace(hand, pictures=refit.pictures)
     return FittedRound.of(hand, made.completed.numbers.melanin)
 
 
 def _refitted(
-    made: MadePerson, hand: PicturedHand, length_m: float | None, longest_px: int | None, log: Log
-) -> PicturedHand:
-    refit = refitted(made.model, hand.pictures, made.lights, length_m=length_m, longest_px=longest_px)
+    made: MadePerson,
+    hand: PicturedHand,
+    length_m: float | None,
+    longest_px: int | None,
+    sighted: Sequence[HandPose],
+    log: Log,
+) -> Refit:
+    refit = refitted(made.model, hand.pictures, made.lights, length_m=length_m, longest_px=longest_px, sighted=sighted)
     log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
-    return replace(hand, pictures=refit.pictures)
+    return refit
 
 
-def _with_mended_fingers(made: MadePerson, hand: PicturedHand, log: Log) -> PicturedHand:
-    pictures, count = without_stray_fingers(made.model, hand.pictures, made.lights)
+def _with_mended_fingers(
+    made: MadePerson, hand: PicturedHand, sighted: Sequence[HandPose], log: Log
+) -> tuple[PicturedHand, list[HandPose]]:
+    mended, count = without_stray_fingers(made.model, hand.pictures, made.lights)
     log(f"fingers that were bent the wrong way: in {count} pictures")
-    return replace(hand, pictures=pictures)
+    sighted = [pose if new is old else new.pose for pose, old, new in zip(sighted, hand.pictures, mended, strict=True)]
+    return replace(hand, pictures=mended), sighted
 
 
 _EARLY_LIGHT_PICTURES = 4

@@ -24,10 +24,11 @@ from ...records.shot import HandPose
 from .hand_size import LengthPrior
 from .pose_targets import PoseTargets
 
+BENDS = slice(3, THETA.stop)  # of fingers' joints
 _POSE = 54  # unknowns of a pose: theta, transl, forearm
 _LARGE_PX = 4.0  # residuals beyond it count linearly
 _OUTLINE_WEIGHT = 0.5
-_THETA_WEIGHT, _BETA_WEIGHT, _TRANSL_M, _FOREARM_RAD = 6.0, 0.15, 0.04, 0.4
+_THETA_WEIGHT, _BETA_WEIGHT, _TRANSL_M, _FOREARM_RAD = 20.0, 0.15, 0.04, 0.4
 _HINGE_WEIGHT = 30.0  # of turns that fingers hardly have, rad^2
 _MOST_STEPS, _LEAST_GAIN = 20, 1e-4
 _FIRST_DAMPING = 1e-3
@@ -40,6 +41,7 @@ def fitted_poses(
     offsets_m: Sequence[np.ndarray],
     fits_shape: bool = True,
     length_m: float | None = None,
+    sighted: Sequence[HandPose] | None = None,
 ) -> list[HandPose]:
     """Fit the pose of each picture, and the shape of all.
 
@@ -50,13 +52,15 @@ def fitted_poses(
         offsets_m: [V, 3] what the person's own shape adds to the posed vertices of each picture.
         fits_shape: move the shape, too.
         length_m: of the hand; None: not known.
+        sighted: poses to whose bends fingers stay near; None: those to begin from.
     """
     first, pose_of = _poses_of(pictures)
     views = _views(hand, pictures, targets, offsets_m, pose_of)
     beta = torch.as_tensor(pictures[0].pose.beta, dtype=torch.float32)
     start = Unknowns(torch.stack([_unknowns(pictures[index].pose) for index in first]), beta)
     length = None if length_m is None else LengthPrior.of(hand, pictures[0].pose.beta, length_m)
-    fit = _Fit(views, _Priors(start, stiff_turns(hand), length), fits_shape)
+    bends = start.poses if sighted is None else torch.stack([_unknowns(sighted[index]) for index in first])
+    fit = _Fit(views, _Priors(start, bends[:, BENDS], stiff_turns(hand), length), fits_shape)
     found = fit.solved(start)
     shape = found.beta.double().numpy()
     poses = [_pose(row, shape) for row in found.poses.double()]
@@ -157,13 +161,14 @@ class _Priors:
     """Poses and shape stay near where they begin, fingers turn about their hinges, and a known length is kept."""
 
     start: Unknowns
+    bends: Tensor
     stiff: Tensor
     length: LengthPrior | None
 
     def of_poses(self, poses: Tensor) -> Tensor:
         """Return the mean cost of poses [P, 54]."""
         off = poses - self.start.poses
-        cost = _THETA_WEIGHT * (off[..., 3 : THETA.stop] ** 2).sum(-1)
+        cost = _THETA_WEIGHT * ((poses[..., BENDS] - self.bends) ** 2).sum(-1)
         cost = cost + _HINGE_WEIGHT * ((poses[..., THETA] @ self.stiff.T) ** 2).sum(-1)
         cost = cost + 0.5 * ((off[..., TRANSL] / _TRANSL_M) ** 2).sum(-1)
         return (cost + 0.5 * ((off[..., FOREARM] / _FOREARM_RAD) ** 2).sum(-1)).mean()

@@ -26,7 +26,7 @@ _FLOW_ERROR_PX, _BEHIND_M, _LEAST_FACING = 3.0, 0.004, 0.15
 
 
 class OutlineTargets(NamedTuple):
-    """K vertices at the outline: which, the points [K, 2] px of the mask's edge, and its unit normals [K, 2] there."""
+    """K vertices at the outline: which, the points [K, 2] px where the mask wants them, its unit normals [K, 2] there."""
 
     vertex: np.ndarray
     px: np.ndarray
@@ -50,7 +50,9 @@ def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndar
     off, matched = (np.asarray(found) for found in KDTree(theirs.rim_px).query(vertices_px[vertex]))
     agrees = (ours.normal[at[vertex]] * theirs.normal[matched]).sum(1) > _LEAST_AGREEMENT
     kept = agrees & (off < _FARTHEST_PX)
-    return OutlineTargets(vertex[kept], theirs.rim_px[matched[kept]], theirs.normal[matched[kept]])
+    vertex, normal, edge_px = vertex[kept], theirs.normal[matched[kept]], theirs.rim_px[matched[kept]]
+    behind_px = ((ours.rim_px[at[vertex]] - vertices_px[vertex]) * normal).sum(1)  # a vertex lies inside its outline
+    return OutlineTargets(vertex, edge_px - behind_px[:, None] * normal, normal)
 
 
 class PoseTargets(NamedTuple):

@@ -19,17 +19,23 @@ from ...system.parallel_map import parallel_map
 from ...system.thread_limits import thread_limit
 from ..lit_model.illumination import Illumination
 from ..lit_model.model import PersonModel
+from .own_shape import own_offsets
 from .pose_fit import fitted_poses
 from .pose_targets import PoseTargets, pose_targets
 
 
 @dataclass(frozen=True)
 class Refit:
-    """Pictures with their new poses, and means over them before the fit: flow in px, and overlap."""
+    """Pictures with their new poses, and means over them before the fit: flow in px, and overlap.
+
+    Attributes:
+        offset_m: [V] the person's own shape along the posed normals, as outlines have it now.
+    """
 
     pictures: tuple[HandPicture, ...]
     flow_px: float
     overlap: float
+    offset_m: np.ndarray
 
 
 def refitted(
@@ -40,6 +46,7 @@ def refitted(
     on_picture: Callable[[], None] = lambda: None,
     length_m: float | None = None,
     longest_px: int | None = None,
+    sighted: Sequence[HandPose] | None = None,
 ) -> Refit:
     """Fit the poses of all pictures and one shape once, from where they are.
 
@@ -51,6 +58,7 @@ def refitted(
         on_picture: called after each one's flow.
         length_m: of the hand (`hand_size.sized`); None: not known.
         longest_px: side of the pictures in which flow is looked for; None: their own.
+        sighted: as in `fitted_poses`.
     """
 
     def targets_in(picture: HandPicture) -> PoseTargets:
@@ -61,10 +69,10 @@ def refitted(
     targets = parallel_map(targets_in, pictures, on_picture)
     with thread_limit(1):  # operations are small: threads would only wait for each other
         offsets_m = [_offset(model, picture.pose) for picture in pictures]
-        poses = fitted_poses(model.hand, pictures, targets, offsets_m, fits_shape, length_m)
+        poses = fitted_poses(model.hand, pictures, targets, offsets_m, fits_shape, length_m, sighted)
     moved = tuple(replace(picture, pose=pose) for picture, pose in zip(pictures, poses, strict=True))
     flow_px, overlap = (float(np.mean([getattr(each, name) for each in targets])) for name in ("flow_px", "overlap"))
-    return Refit(moved, flow_px, overlap)
+    return Refit(moved, flow_px, overlap, own_offsets(model, moved, targets))
 
 
 def made_smaller(picture: HandPicture, longest_px: int) -> HandPicture:

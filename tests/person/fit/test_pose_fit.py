@@ -103,7 +103,7 @@ def test_the_optimum_is_that_of_a_slow_descent(hand, film):
         inside = (weight * robust((px - goal).norm(dim=-1))).sum(1) / weight.sum(1)
         at_edge = torch.stack([view[rows] for view, rows in zip(px, edges[0], strict=True)])
         across = ((at_edge - edges[1]) * edges[2]).sum(-1)
-        off = (6.0 * (theta - start[0])[:, 1:] ** 2).sum((1, 2)) + 30.0 * ((theta.flatten(1) @ stiff.T) ** 2).sum(1)
+        off = (20.0 * (theta - start[0])[:, 1:] ** 2).sum((1, 2)) + 30.0 * ((theta.flatten(1) @ stiff.T) ** 2).sum(1)
         off = off + 0.5 * (((transl - start[1]) / 0.04) ** 2).sum(1) + 0.5 * (((forearm - start[2]) / 0.4) ** 2).sum(1)
         return inside.mean() + 0.5 * robust(across).mean() + off.mean() + 0.15 * (beta**2).sum()
 
@@ -156,6 +156,20 @@ def test_a_persons_own_shape_is_added(hand, film):
     for pose, wanted in zip(found, true, strict=True):
         off_mm = 1000 * np.linalg.norm(posed_vertices(hand, pose) - posed_vertices(hand, wanted), axis=1)
         assert off_mm.mean() < 0.5  # the hinges' prior moves it a little
+
+
+def test_fingers_of_which_nothing_is_seen_bend_as_landmarks_told(hand, film):
+    """Where they begin does not matter then; the wrist follows the picture."""
+    pictures, true, targets = film
+    is_palm = hand.lbs_weights[:, 0] > 0.9
+    palms = [replace_px(each._replace(weight=each.weight * is_palm), each.px) for each in targets]
+    told = [replace(pose, theta=0.7 * pose.theta) for pose in true]
+    found = fitted_poses(hand, pictures, palms, _nothing(pictures, hand), fits_shape=False, sighted=told)
+    for pose, wanted, begun in zip(found, told, pictures, strict=True):
+        assert np.abs(begun.pose.theta[1:] - wanted.theta[1:]).max() > 0.1
+        np.testing.assert_allclose(pose.theta[1:], wanted.theta[1:], atol=0.02)
+    wrists = [pose.theta[0] - one.theta[0] for pose, one in zip(found, told, strict=True)]
+    assert np.linalg.norm(wrists, axis=1).min() > 0.05
 
 
 def test_a_known_length_is_kept(hand, film):
