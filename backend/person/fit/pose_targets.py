@@ -26,7 +26,7 @@ _FLOW_ERROR_PX, _BEHIND_M, _LEAST_FACING = 3.0, 0.004, 0.15
 
 
 class OutlineTargets(NamedTuple):
-    """K vertices at the outline: which, the points [K, 2] px where the mask wants them, its unit normals [K, 2] there."""
+    """K vertices at the outline: which, the points [K, 2] px where the mask wants them, its normals [K, 2] there."""
 
     vertex: np.ndarray
     px: np.ndarray

@@ -33,6 +33,17 @@ def test_vertices_of_the_outline_go_to_the_masks(shown):
     assert (targets.normal * inward).sum(1).min() > 0.9
 
 
+def test_vertices_inside_their_outline_are_wanted_as_far_inside_the_masks(shown):
+    """Else a hand would grow by what its vertices lie inside its outline."""
+    maps, rim_px = shown
+    inside_px = rim_px + 1.5 / RADIUS_PX * ([MIDDLE_PX - 4, MIDDLE_PX] - rim_px)
+    targets = outline_targets(maps, np.where(_disc(MIDDLE_PX - 4), HAND, BACKGROUND).astype(np.uint8), inside_px)
+    assert len(targets.vertex) > 300
+    off_px = ((targets.px - inside_px[targets.vertex]) * targets.normal).sum(1)
+    assert np.abs(off_px.mean()) < 0.02
+    assert np.abs(off_px).max() < 1.0  # rims are pixels
+
+
 def test_the_outline_beside_what_is_unknown_is_no_target(shown):
     maps, rim_px = shown
     labels = np.where(_disc(MIDDLE_PX), HAND, BACKGROUND).astype(np.uint8)
