@@ -1,12 +1,7 @@
-"""A film of a hand as pictures of a person: the sharpest of its frames that differ most, and their exposure.
-
-A camera that meters by itself exposes a palm and the darker back of a hand alike, and so hides what tells a light skin
-from a deep one. The backdrop does not change: what it seems to, is the camera's gain.
-"""
+"""A film of a hand as pictures of a person: the sharpest of its frames that differ most."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -15,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..capture.masks.mask import load_opencv
-from ..capture.picture import srgb_to_linear
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..motion.landmarks.take_file import FilmedTake
@@ -33,6 +27,7 @@ from ..tracking.turning_hand.frame_choice import chosen_frames
 from ..tracking.turning_hand.hand_frames import film_camera, frames_of, hand_frames
 from ..tracking.turning_hand.take_shape import fit_with_shape
 from ..tracking.turning_hand.window import Window, camera_of, image_of, window_around
+from .film_exposure import backdrop_gains, backdrop_sample
 from .kept_steps import FILMED_TAKE, KeptSteps
 from .other_hands import in_window
 from .skin_masks import labelled
@@ -50,11 +45,6 @@ HELD_OUT_EVERY = 6
 LITTLE_SKIN = 0.6
 """Share of the skin below which people are told that the rest is a guess; a hand's one side is about 0.45."""
 _MOST_FPS = 10.0  # that are tracked: of 30 s, 300 frames to choose from
-_SAMPLE_PX = 64, 36
-_DARKEST, _BRIGHTEST = 0.04, 0.97  # encoded
-_GAIN_ROUNDS = 6
-_MOST_DEVIATION = 0.12  # of the logarithm, beyond which the backdrop is not the same
-_LEAST_CELLS = 40
 _CROWD_SAMPLES, _MOST_HANDS = 5, 2
 
 
@@ -163,45 +153,6 @@ def _others_px(
 
 def _at(hand: FilmedHand, frame: int) -> np.ndarray:
     return np.flatnonzero(hand.frames == frame)
-
-
-def backdrop_sample(picture: np.ndarray, hand_px: np.ndarray) -> np.ndarray:
-    """Make a small picture [36, 64, 3] of logarithms of linear colours; NaN where the hand is, too dark or too bright.
-
-    Args:
-        picture: [H, W, 3] uint8 of the whole frame.
-        hand_px: (left, top, right, bottom) of the hand in it, px.
-    """
-    cv2 = load_opencv()
-    small = cv2.resize(picture, _SAMPLE_PX, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
-    is_useful = (small.min(-1) > _DARKEST) & (small.max(-1) < _BRIGHTEST)
-    scale = np.array(_SAMPLE_PX) / (picture.shape[1], picture.shape[0])
-    left, top, right, bottom = (np.asarray(hand_px).reshape(2, 2) * scale).ravel()
-    is_useful[max(0, int(top) - 1) : int(bottom) + 2, max(0, int(left) - 1) : int(right) + 2] = False
-    return np.where(is_useful[..., None], np.log(srgb_to_linear(small) + 1e-4), np.nan)
-
-
-def backdrop_gains(samples: Sequence[np.ndarray]) -> np.ndarray | None:
-    """Return the logarithm [K, 3] of each frame's gain, their means 0; None: the backdrop is not the same in all.
-
-    Args:
-        samples: of `backdrop_sample`.
-    """
-    values = np.stack([sample.reshape(-1, 3) for sample in samples]).astype(np.float64)
-    is_often = np.isfinite(values[..., 0]).mean(0) > 0.5
-    if is_often.sum() < _LEAST_CELLS:
-        return None
-    values, gains = values[:, is_often], np.zeros((len(samples), 3))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a frame may show none of it
-        backdrop = np.nanmedian(values, 0)
-        for _ in range(_GAIN_ROUNDS):
-            gains = np.nanmedian(values - backdrop, 1)
-            backdrop = np.nanmedian(values - gains[:, None], 0)
-        deviation = np.nanmedian(np.abs(values - backdrop - gains[:, None]))
-    if not np.isfinite(gains).all() or deviation > _MOST_DEVIATION:
-        return None
-    return gains - gains.mean(0)
 
 
 def is_held_out(index: int, count: int) -> bool:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from livehand.backend.capture.picture import linear_to_srgb
-from livehand.backend.person.film import backdrop_gains, backdrop_sample
+from livehand.backend.person.film_exposure import backdrop_gains, backdrop_sample
 
 pytest.importorskip("cv2")
 SIZE, HAND_PX = (90, 160), np.array([50, 20, 110, 90])
