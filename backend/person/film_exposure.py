@@ -17,10 +17,10 @@ from ..capture.masks.mask import load_opencv
 from ..capture.picture import srgb_to_linear
 
 _SAMPLE_PX = 64, 36
-_SWAY_CELLS = 8, 6  # to each side
+_SWAY_CELLS, _STEP_CELLS = (6, 8), 2  # rows and columns to each side, and between those that are tried first
 _DARKEST, _BRIGHTEST = 0.04, 0.95  # encoded
 _ADDED = 1e-4  # to linear values, before their logarithm
-_ROUNDS, _SHIFTED_ROUNDS = 6, 2
+_ROUNDS = 4
 _OUTLIER = 0.3  # of the logarithm
 _MOST_DEVIATION = 0.12  # of the logarithm, beyond which the backdrop is not the same
 _LEAST_CELLS = 40
@@ -64,8 +64,10 @@ def backdrop_gains(samples: Sequence[np.ndarray]) -> np.ndarray | None:
     backdrop = _known(max(frames, key=lambda one: np.isfinite(one).sum()))
     laid = [_Laid((0, 0), np.zeros(3))] * len(frames)
     for number in range(_ROUNDS):
-        laid = [_laid(frame, backdrop, one, number < _SHIFTED_ROUNDS) for frame, one in zip(frames, laid, strict=True)]
-        if any(one is None for one in laid):
+        reach = _SWAY_CELLS if number == 0 else (0, 0)
+        found = [_laid(frame, backdrop, one, reach) for frame, one in zip(frames, laid, strict=True)]
+        laid = [one for one in found if one is not None]
+        if len(laid) < len(frames):
             return None
         backdrop = _median([_over_backdrop(frame, one) for frame, one in zip(frames, laid, strict=True)])
     off = [_over_backdrop(frame, one) - backdrop for frame, one in zip(frames, laid, strict=True)]
@@ -99,9 +101,9 @@ def _overlap(shift: tuple[int, int], shape: tuple[int, ...]) -> tuple[tuple[slic
     return to, of
 
 
-def _laid(frame: np.ndarray, backdrop: np.ndarray, before: _Laid, finds_shift: bool) -> _Laid | None:
+def _laid(frame: np.ndarray, backdrop: np.ndarray, before: _Laid, reach: tuple[int, int]) -> _Laid | None:
     """Lay a frame over the backdrop; None: too little of it is seen."""
-    shift = _best_shift(frame[..., 1], backdrop[..., 1]) if finds_shift else before.shift
+    shift = _best_shift(frame[..., 1], backdrop[..., 1], before.shift, reach)
     if shift is None:
         return None
     to, of = _overlap(shift, frame.shape)
@@ -109,13 +111,18 @@ def _laid(frame: np.ndarray, backdrop: np.ndarray, before: _Laid, finds_shift: b
     return None if any(gain is None for gain in gains) else _Laid(shift, np.array(gains))
 
 
-def _best_shift(frame: np.ndarray, backdrop: np.ndarray) -> tuple[int, int] | None:
-    """Find the shift under which a frame [36, 64] is most like the backdrop, in a gain of its own."""
-    columns, rows = _SWAY_CELLS
-    shifts = [(row, column) for row in range(-rows, rows + 1) for column in range(-columns, columns + 1)]
-    costs = [_unlike(frame, backdrop, shift) for shift in shifts]
-    best = int(np.argmin(costs))
-    return shifts[best] if np.isfinite(costs[best]) else None
+def _best_shift(
+    frame: np.ndarray, backdrop: np.ndarray, about: tuple[int, int], reach: tuple[int, int]
+) -> tuple[int, int] | None:
+    """Find the shift about another under which a frame [36, 64] is most like the backdrop, in a gain of its own."""
+    best, costs = about, {}
+    for step in (_STEP_CELLS, 1):
+        rows, columns = reach if step > 1 else (step, step)
+        for row in range(best[0] - rows, best[0] + rows + 1, step):
+            for column in range(best[1] - columns, best[1] + columns + 1, step):
+                costs[row, column] = _unlike(frame, backdrop, (row, column))
+        best = min(costs, key=lambda shift: costs[shift])
+    return best if np.isfinite(costs[best]) else None
 
 
 def _unlike(frame: np.ndarray, backdrop: np.ndarray, shift: tuple[int, int]) -> float:

@@ -53,7 +53,7 @@ def own_offsets(model: PersonModel, pictures: Sequence[HandPicture], targets: Se
         trust = 1 / np.sqrt(1 + off**2) / (_ALIKE * _NOISE_MM**2)
         curve = np.bincount(vertex, trust * per_mm**2, count)
         pull = np.bincount(vertex, trust * per_mm * missed_mm, count)
-        offset_mm = spsolve((prior + scipy.sparse.diags(curve)).tocsc(), pull)
+        offset_mm = np.asarray(spsolve((prior + scipy.sparse.diags(curve)).tocsc(), pull))
     return offset_mm / 1000
 
 

@@ -103,7 +103,7 @@ def test_the_optimum_is_that_of_a_slow_descent(hand, film):
         inside = (weight * robust((px - goal).norm(dim=-1))).sum(1) / weight.sum(1)
         at_edge = torch.stack([view[rows] for view, rows in zip(px, edges[0], strict=True)])
         across = ((at_edge - edges[1]) * edges[2]).sum(-1)
-        off = (20.0 * (theta - start[0])[:, 1:] ** 2).sum((1, 2)) + 30.0 * ((theta.flatten(1) @ stiff.T) ** 2).sum(1)
+        off = (6.0 * (theta - start[0])[:, 1:] ** 2).sum((1, 2)) + 30.0 * ((theta.flatten(1) @ stiff.T) ** 2).sum(1)
         off = off + 0.5 * (((transl - start[1]) / 0.04) ** 2).sum(1) + 0.5 * (((forearm - start[2]) / 0.4) ** 2).sum(1)
         return inside.mean() + 0.5 * robust(across).mean() + off.mean() + 0.15 * (beta**2).sum()
 
