@@ -35,6 +35,8 @@ TAIL = 8.0
 """Squared slopes, in squared alphas, from which on bumps widen a lobe by half as much: of Gaussian slopes, by sums."""
 FACES_TURN = 0.05
 """Half the sine by which neighbouring faces of a detail mesh turn: of 0.8 mm, on a finger's radius of 8 mm."""
+STEEPER = 1 / 0.9
+"""Slopes of bumps as gloss of lamps shows them, over those of normals: what is mirrored does not blur in the skin."""
 _TINY = 1e-8
 POSITIVE_PART = 2 / pi
 """Of Gaussian values of mean 0 and variance v, the mean of those above 0 (the others for 0) is half the root of so
@@ -180,6 +182,12 @@ def clamped_reflection_normal(
     """
     bent_back, is_bent_back = _bent_back(normal.detach(), surface_normal.detach(), view.detach())
     return torch.where(is_bent_back, bent_back, normal)
+
+
+def glossy_normal(normal: Float[Tensor, "P 3"], surface_normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
+    """Bend the normals away from the surface's until slopes are `STEEPER` times as steep; both unit."""
+    along = (normal * surface_normal).sum(-1, keepdim=True)
+    return normalize(STEEPER * normal - (STEEPER - 1) * along * surface_normal, dim=-1)
 
 
 def horizon_occlusion(

@@ -15,6 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from . import brdf
 from .brdf import bump_shadowing, clamped_reflection_normal, ggx, hidden_bumps, horizon_occlusion, squared_alphas
 from .indirect_diffuse import IndirectDiffuse, MeshPoints, Surfels, indirect_diffuse, indirect_diffuse_on_mesh
 from .lamp_samples import LampSamples
@@ -330,7 +331,8 @@ def _colour_of_skin(
     towards = features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
     surface, nail = skin.surface_normal, skin.nail
     mirroring = clamped_reflection_normal(normal, surface, view)
-    at_lamps = mirroring[:, None], towards, view[:, None], features.lamp_radius_rad
+    steeper = clamped_reflection_normal(brdf.glossy_normal(normal, surface), surface, view)
+    at_lamps = steeper[:, None], towards, view[:, None], features.lamp_radius_rad
     of_skin = nail, skin.alpha_squared, hidden_bumps(skin.alpha_squared), surface
     lobes = ggx(*at_lamps, *(values[:, None] for values in of_skin))
     lamps_mirrored = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)

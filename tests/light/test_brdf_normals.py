@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.compute.kernels import brdf
-from livehand.backend.light.brdf import LEAST_MIRRORED, bump_shadowing, clamped_reflection_normal, horizon_occlusion
+from livehand.backend.light.brdf import (
+    LEAST_MIRRORED,
+    STEEPER,
+    bump_shadowing,
+    clamped_reflection_normal,
+    glossy_normal,
+    horizon_occlusion,
+)
+from livehand.backend.surface.detail_maps import BUMP
 from torch.nn.functional import normalize
 
 UP = torch.tensor([0.0, 0, 1])
@@ -82,6 +90,17 @@ def test_a_surface_that_faces_away_and_equal_normals_change_nothing_and_have_fin
     assert torch.equal(normal.grad, torch.ones(4, 3))
 
 
+@pytest.mark.parametrize("bend_degrees", [0.0, 10.0, 40.0])
+def test_gloss_of_lamps_shows_steeper_slopes(bend_degrees):
+    found = glossy_normal(tilted(bend_degrees)[None], UP[None])[0]
+    tangent = STEEPER * math.tan(math.radians(bend_degrees))
+    torch.testing.assert_close(found, tilted(math.degrees(math.atan(tangent))))
+
+
+def test_slopes_that_normals_show_less_of_are_whole_in_gloss_of_lamps():
+    assert pytest.approx(1 / BUMP) == STEEPER
+
+
 def test_all_of_a_lobe_leaves_a_surface_without_bumps():
     view = -tilted(torch.tensor([0.0, 40.0, 80.0, 89.9]))
     found = horizon_occlusion(UP.expand(4, 3), UP.expand(4, 3), view, torch.tensor([[0.01, 0.09]]).expand(4, 2))
@@ -118,6 +137,11 @@ def bent_back(normal, surface_normal, view, along, out):
 
 
 @numba.njit
+def steepened(normal, surface_normal, along, out):
+    return brdf.glossy_normal(normal, surface_normal, along, out)
+
+
+@numba.njit
 def shadowed(facing, x, y, z, along, surface_normal):
     return brdf.bump_shadowing(facing, x, y, z, along, surface_normal)
 
@@ -137,6 +161,16 @@ def test_normals_are_bent_back_as_by_the_reference():
         bent_back(*row, found[index])
     assert 300 < (expected != normal).any(1).sum() < COUNT - 300
     torch.testing.assert_close(torch.as_tensor(found), expected, atol=2e-5, rtol=0)
+
+
+def test_slopes_are_steeper_as_by_the_reference():
+    surface = random_units(COUNT, 6)
+    normal = normalize(surface + 0.7 * random_units(COUNT, 7), dim=-1)
+    expected, found = glossy_normal(normal, surface), np.empty((COUNT, 3), np.float32)
+    rows = zip(normal.numpy(), surface.numpy(), along(normal, surface), found, strict=True)
+    cosines = [steepened(*row) for row in rows]
+    torch.testing.assert_close(torch.as_tensor(found), expected, atol=2e-5, rtol=0)
+    np.testing.assert_allclose(cosines, along(expected, surface), atol=2e-5)
 
 
 def test_what_remains_of_a_light_is_that_of_the_reference():

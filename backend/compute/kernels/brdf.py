@@ -16,7 +16,8 @@ from .vectors import blend_texels
 _0, _QUARTER, _HALF, _1, _2, _TINY = (np.float32(value) for value in (0, 0.25, 0.5, 1, 2, 1e-12))
 LEAST_COSINE, GRAZING, TINY = (np.float32(value) for value in (1e-4, 0.05, 1e-8))
 """Of the cosines to light and eye, and of what is divided by, as in `light.brdf`."""
-_TAIL, _FACES_TURN, _POSITIVE_PART = (np.float32(value) for value in (8, 0.05, 2 / pi))  # as in `light.brdf`
+_TAIL, _FACES_TURN, _POSITIVE_PART, _STEEPER = (np.float32(value) for value in (8, 0.05, 2 / pi, 1 / 0.9))
+"""As in `light.brdf`."""
 LEAST_MIRRORED, LEAST_OF_EYE, LEAST_BEND = (np.float32(value) for value in (0.01, 0.9, 1e-4))
 """As in `light.brdf`."""
 
@@ -160,6 +161,18 @@ def clamped_reflection_normal(normal, surface_normal, view, along, out):
     cosine, sine = np.cos(kept), np.sin(kept) / bend
     for k in range(3):
         out[k] = cosine * surface_normal[k] + sine * (normal[k] - along * surface_normal[k])
+
+
+@part
+def glossy_normal(normal, surface_normal, along, out):
+    """Fill out [3] and return the cosine of it and the surface's normal; `along`: cosine of both normals."""
+    less = (_STEEPER - _1) * along
+    x = _STEEPER * normal[0] - less * surface_normal[0]
+    y = _STEEPER * normal[1] - less * surface_normal[1]
+    z = _STEEPER * normal[2] - less * surface_normal[2]
+    inverse = _1 / max(np.sqrt(x * x + y * y + z * z), TINY)
+    out[0], out[1], out[2] = x * inverse, y * inverse, z * inverse
+    return along * inverse
 
 
 @part

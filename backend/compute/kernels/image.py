@@ -16,6 +16,7 @@ from .brdf import (
     bump_shadowing,
     clamped_reflection_normal,
     ggx,
+    glossy_normal,
     horizon_occlusion,
     mirror,
     of_even_light,
@@ -101,7 +102,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
     scattered_at, arriving_at = 3 * lamps + 17, 3 * lamps + 23
     mirrored, mirroring = np.empty((2, 3), np.float32), np.empty(3, np.float32)
     even, squared, relief = np.empty(2, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
-    values = np.empty(8, np.float32)
+    values, steep, steeper = np.empty(8, np.float32), np.empty(3, np.float32), np.empty(3, np.float32)
     for index in range(first, last):
         if not image.coefficients[index].any():
             continue  # beside the surface
@@ -147,6 +148,9 @@ def relit_pixels(image, sky, lobes, first, last, out):
                 + weights[GLOSS + 1] * (here[visible_at + 1] * mirrored[1, c] + here[near_at + 3 + c])
             )
         relief[:] = _0
+        if lamps > 0:
+            along_steep = glossy_normal(normal, surface_normal, along, steep)
+            clamped_reflection_normal(steep, surface_normal, view, along_steep, steeper)
         for lamp in range(lamps):
             x, y, z = here[3 * lamp], here[3 * lamp + 1], here[3 * lamp + 2]
             strength = max(np.sqrt(x * x + y * y + z * z), TINY)
@@ -156,8 +160,8 @@ def relit_pixels(image, sky, lobes, first, last, out):
             rising = x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2]
             flat, above, specular = max(rising, _0), share_above(rising, image.lamp_radius_rad[lamp]), _0
             if above > _0:
-                facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
-                ggx(facing_mirror, x, y, z, mirroring, view, image.lamp_radius_rad[lamp], squared, lobes, both)
+                facing_mirror = x * steeper[0] + y * steeper[1] + z * steeper[2]
+                ggx(facing_mirror, x, y, z, steeper, view, image.lamp_radius_rad[lamp], squared, lobes, both)
                 specular = strength * above * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
                 bent = wide + image.sharpness[c] * (sharp - wide)

@@ -6,13 +6,14 @@ from typing import no_type_check
 
 import warp as wp
 
-from ....light.brdf import FACES_TURN, POSITIVE_PART, TAIL
+from ....light.brdf import FACES_TURN, POSITIVE_PART, STEEPER, TAIL
 from .compiled import Floats3, Floats4, part
 
 LEAST_COSINE, GRAZING, TINY = wp.constant(1e-4), wp.constant(0.05), wp.constant(1e-8)
 _LEAST_MIRRORED, _LEAST_OF_EYE, _LEAST_BEND = wp.constant(0.01), wp.constant(0.9), wp.constant(1e-4)
 _LEAST_LENGTH = wp.constant(1e-12)
 _TAIL, _FACES_TURN, _POSITIVE_PART = wp.constant(TAIL), wp.constant(FACES_TURN), wp.constant(POSITIVE_PART)
+_STEEPER = wp.constant(STEEPER)
 SHARE, AHEAD, UP, WIDTH = (wp.constant(value) for value in range(4))
 
 
@@ -161,6 +162,14 @@ def clamped_reflection_normal(normal: wp.vec3, surface_normal: wp.vec3, view: wp
         kept = 0.5 * (wp.atan2(aside, up) + reach)
         bent = wp.cos(kept) * surface_normal + wp.sin(kept) / bend * (normal - along * surface_normal)
     return bent
+
+
+@part
+@no_type_check
+def glossy_normal(normal: wp.vec3, surface_normal: wp.vec3, along: float) -> wp.vec3:
+    """Bend a normal away from the surface's as `light.brdf`; `along`: cosine of both normals."""
+    bent = _STEEPER * normal - (_STEEPER - 1.0) * along * surface_normal
+    return bent / wp.max(wp.length(bent), TINY)
 
 
 @part

@@ -15,6 +15,7 @@ from .lobes import (
     bump_shadowing,
     clamped_reflection_normal,
     ggx,
+    glossy_normal,
     horizon_occlusion,
     mirrored_light,
     of_even_light,
@@ -160,6 +161,8 @@ def relit_pixels(
             + gloss[1] * (visible_broad * of_broad[c] + near_broad[c])
         )
     relief = wp.vec3()
+    steep = glossy_normal(bump, surface, along)
+    steeper = clamped_reflection_normal(steep, surface, away, wp.dot(steep, surface))
     for lamp in range(lamps):
         arriving = _blended3(light, rays, around, 3 * lamp)
         strength = wp.max(wp.length(arriving), TINY)
@@ -171,7 +174,7 @@ def relit_pixels(
         above = share_above(rising, lamp_radius_rad[lamp])
         specular = wp.float32(0.0)
         if above > 0.0:
-            both = ggx(towards, mirroring, away, lamp_radius_rad[lamp], squares, _SKIN_SQUARED, _SQUARED_INDEX)
+            both = ggx(towards, steeper, away, lamp_radius_rad[lamp], squares, _SKIN_SQUARED, _SQUARED_INDEX)
             specular = strength * above * wp.dot(gloss, both)
         for c in range(3):
             bent = wide + sharpness[c] * (sharp - wide)
