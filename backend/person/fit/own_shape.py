@@ -63,7 +63,7 @@ def _misses(model: PersonModel, picture: HandPicture, target: PoseTargets) -> _M
     raised = bare + model.normals(pose)[outline.vertex] / 1000
     (px, depth), (raised_px, _) = camera.project(bare), camera.project(raised)
     px_per_mm = camera.K[0, 0] / depth / 1000
-    missed_mm = ((outline.px - px) * outline.normal).sum(1) / px_per_mm
+    missed_mm = (((outline.px - px) * outline.normal).sum(1) + outline.inside_px) / px_per_mm
     per_mm = ((raised_px - px) * outline.normal).sum(1) / px_per_mm
     kept = np.abs(per_mm) > _LEAST_ACROSS
     return _Misses(outline.vertex[kept], missed_mm[kept], per_mm[kept])

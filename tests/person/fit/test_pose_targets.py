@@ -33,15 +33,17 @@ def test_vertices_of_the_outline_go_to_the_masks(shown):
     assert (targets.normal * inward).sum(1).min() > 0.9
 
 
-def test_vertices_inside_their_outline_are_wanted_as_far_inside_the_masks(shown):
-    """Else a hand would grow by what its vertices lie inside its outline."""
+def test_it_is_told_how_far_vertices_lie_inside_their_outline(shown):
+    """Else what is drawn would grow by it."""
     maps, rim_px = shown
-    inside_px = rim_px + 1.5 / RADIUS_PX * ([MIDDLE_PX - 4, MIDDLE_PX] - rim_px)
-    targets = outline_targets(maps, np.where(_disc(MIDDLE_PX - 4), HAND, BACKGROUND).astype(np.uint8), inside_px)
-    assert len(targets.vertex) > 300
-    off_px = ((targets.px - inside_px[targets.vertex]) * targets.normal).sum(1)
-    assert np.abs(off_px.mean()) < 0.02
-    assert np.abs(off_px).max() < 1.0  # rims are pixels
+    further_px = rim_px + 1.0 / RADIUS_PX * ([MIDDLE_PX - 4, MIDDLE_PX] - rim_px)
+    labels = np.where(_disc(MIDDLE_PX), HAND, BACKGROUND).astype(np.uint8)
+    rim, further = (outline_targets(maps, labels, px) for px in (rim_px, further_px))
+    np.testing.assert_array_equal(further.vertex, rim.vertex)
+    assert (further.inside_px - rim.inside_px).mean() == pytest.approx(1.0, abs=0.1)  # rims are pixels
+    same = outline_targets(maps, np.where(_disc(MIDDLE_PX - 4), HAND, BACKGROUND).astype(np.uint8), further_px)
+    missed_px = ((same.px - further_px[same.vertex]) * same.normal).sum(1) + same.inside_px
+    assert np.abs(missed_px.mean()) < 0.02
 
 
 def test_the_outline_beside_what_is_unknown_is_no_target(shown):
