@@ -40,7 +40,7 @@ def test_it_is_told_how_far_vertices_lie_inside_their_outline(shown):
     labels = np.where(_disc(MIDDLE_PX), HAND, BACKGROUND).astype(np.uint8)
     rim, further = (outline_targets(maps, labels, px) for px in (rim_px, further_px))
     np.testing.assert_array_equal(further.vertex, rim.vertex)
-    assert (further.inside_px - rim.inside_px).mean() == pytest.approx(1.0, abs=0.1)  # rims are pixels
+    assert 0.4 < (further.inside_px - rim.inside_px).mean() < 1.1  # from the nearest pixel of a rim, up to 1.4 thick
     same = outline_targets(maps, np.where(_disc(MIDDLE_PX - 4), HAND, BACKGROUND).astype(np.uint8), further_px)
     missed_px = ((same.px - further_px[same.vertex]) * same.normal).sum(1) + same.inside_px
     assert np.abs(missed_px.mean()) < 0.02
