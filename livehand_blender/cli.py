@@ -41,7 +41,7 @@ from ..backend.person.invented.command import COMMAND as NEW_PERSON
 from ..backend.records.errors import LiveHandError
 from ..backend.render.thumbnail_command import COMMAND as THUMBNAIL
 from ..backend.rigs.rig_suffixes import RIG_SUFFIXES
-from ..backend.system.command import Command, blender_silenced, run_commands
+from ..backend.system.command import Command, blender_silenced, run_commands, warn
 from ..backend.tracking.fetch_command import COMMAND as FETCH_TRACKER
 from ..backend.training.command import COMMAND as TRAIN
 from ..backend.training.identity_command import COMMAND as IDENTITY
@@ -67,6 +67,8 @@ def _add_render_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _render(args: argparse.Namespace) -> Mapping[str, Any]:
     """Render .blend files with Blender, or a pose file without it."""
+    if args.worker is None and _compiles_first():
+        warn("livehand render: the first frame compiles kernels, once on a machine, for a minute or more")
     suffix = args.shots[0].suffix.lower()
     if suffix in POSE_FILES:
         return render_poses.run(args)
@@ -79,6 +81,13 @@ def _render(args: argparse.Namespace) -> Mapping[str, Any]:
             "and give that with --avatar"
         )
     return _in_blender(partial(render.run, in_blender=_registered))(args)
+
+
+def _compiles_first() -> bool:
+    """Return whether no kernel has been compiled on this machine, and numba is there to do so."""
+    from ..backend.compute.kernels.cache_folder import has_kernels
+
+    return importlib.util.find_spec("numba") is not None and not has_kernels()
 
 
 def _inspect(args: argparse.Namespace) -> Mapping[str, Any]:

@@ -33,7 +33,7 @@ from . import drawn_people
 from .avatar import Avatar, AvatarConfig, build_field
 from .captured_surface import surface_of_provenance
 from .identities import checked_names
-from .library import shipped_avatar_path
+from .library import check_avatar_path, shipped_avatar_path
 from .metadata import HEADER_KEY, THUMBNAIL_KEY
 from .tensors import read_surface_tensors, stored_weights, surface_tensors, whole_weights
 
@@ -187,8 +187,7 @@ def read_surface_of(path: Path) -> StoredSurface | None:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    if not is_file(path):
-        raise LiveHandError(f"no avatar at {path}; give the path of an avatar's .safetensors file")
+    check_avatar_path(path)
     check_regular(path, _MOST_BYTES)
     try:
         with safe_open(path, framework="pt") as archive:

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from ..hand.model_file import DEFAULT_HAND
+from ..records.errors import LiveHandError
+from ..system.files import is_file
 
 Skin = Literal["light", "middle", "deep"]
 SKINS: tuple[Skin, ...] = get_args(Skin)
@@ -41,6 +43,14 @@ def person_name(path: Path, name: str) -> str:
     """Return what to call the person of an avatar's file, whose own name is given if it did not ship."""
     skin = shipped_skin(path)
     return name if skin is None else PERSONS[skin]
+
+
+def check_avatar_path(path: Path) -> None:
+    """Raise LiveHandError if there is no file, as where a name that ships is mistyped."""
+    if not is_file(path):
+        raise LiveHandError(
+            f"no avatar at {path}; give the path of an avatar's .safetensors file, or a name: {', '.join(SHIPPED)}"
+        )
 
 
 def avatar_path(name: str) -> Path:

@@ -68,7 +68,7 @@ def pictures_of_capture(
         log(f"laying the built-in hand over '{other.name}'")
         pictures, offset_m, note = _carried_over(pictures, model, other)
         notes.append(note)
-    pictures = _with_gains(pictures, model)
+    pictures = with_gains(pictures, model)
     is_left = sides == {"left"} or capture.provenance.get("is_mirrored") is True
     return PicturedHand(tuple(pictures), "left" if is_left else "right", folder.name, offset_m, notes=tuple(notes))
 
@@ -181,6 +181,7 @@ def _with_arm_unknown(picture: HandPicture, model: HandModel) -> HandPicture:
     return replace(picture, labels=labels)
 
 
-def _with_gains(pictures: Sequence[HandPicture], model: HandModel) -> list[HandPicture]:
+def with_gains(pictures: Sequence[HandPicture], model: HandModel) -> list[HandPicture]:
+    """Give pictures their cameras' gains, as their poses tell them: the better these are, the better they do."""
     gains = camera_log_gains(pictures, model)
     return [replace(picture, log_gain=gains[picture.camera_index]) for picture in pictures]

@@ -69,6 +69,8 @@ def making(args: argparse.Namespace, report: Report) -> dict[str, Any]:
 
     if args.output.suffix.lower() != ".safetensors":
         raise LiveHandError(f"an avatar must be written to a .safetensors file, got {args.output.name}")
+    if args.sheet is not None and args.sheet.suffix.lower() != ".png":
+        raise LiveHandError(f"--sheet must name a .png file, got {args.sheet.name}")
     model = load_hand_model(DEFAULT_HAND)
     steps = KeptSteps.beside(args.output, _inputs(args))
     try:

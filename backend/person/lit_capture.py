@@ -23,7 +23,7 @@ from ..records.frame import Frame
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..surface.surface_file import surface_sha256, write_surface
 from ..system.files import replacing
-from .captured_pictures import pictures_of_capture
+from .captured_pictures import pictures_of_capture, with_gains
 from .fit.refit import refitted
 from .lit_model.illumination import Illumination, fitted_light, linear_colours, pixels_of_scenes
 from .lit_model.lamp_search import with_lamp
@@ -60,12 +60,12 @@ def write_lit_capture(
         raise LiveHandError(f"'{person.name}' must be a person of '{model.name}'; make one with livehand person")
     hand = pictures_of_capture(folder, model, _MOST_PICTURES, other, log)
     beta = np.array(person.surface.person.beta)
-    pictures = [replace(one, pose=replace(one.pose, beta=beta)) for one in hand.pictures]
+    pictures = with_gains([replace(one, pose=replace(one.pose, beta=beta)) for one in hand.pictures], model)
     known = PersonModel.of(person, model)
     for _ in range(_REFITS):
         refit = refitted(known, pictures, scene_lights(known, pictures, finds_lamps=False), fits_shape=False)
         log(f"poses: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
-        pictures = list(refit.pictures)
+        pictures = with_gains(refit.pictures, model)
     lights = scene_lights(known, pictures)
     write_surface(output / _SURFACE, person.surface)
     surface = SurfaceReference(_SURFACE, surface_sha256(person.surface))

@@ -12,6 +12,7 @@ from PIL import Image, ImageDraw
 from ..capture.masks.mask import load_opencv
 from ..capture.picture import linear_to_srgb, srgb_to_linear
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
+from ..system.files import replacing
 from ..system.parallel_map import parallel_map
 from .lit_model.flow import flow_between
 from .lit_model.illumination import Illumination, encoded_colours
@@ -86,7 +87,11 @@ _CONFIDENCE_PX = 2 * _HEIGHT_PX
 
 
 def write_sheet(path: Path, made: MadePerson, pictures: Sequence[HandPicture], caption: str) -> None:
-    """Write the sheet: a row of pictures, one of ours in the light that was found, and the confidence in the atlas."""
+    """Write the sheet: a row of pictures, one of ours in the light that was found, and the confidence in the atlas.
+
+    Raises:
+        LiveHandError: it cannot be written.
+    """
     chosen = [pictures[index] for index in np.linspace(0, len(pictures) - 1, min(_COLUMNS, len(pictures))).astype(int)]
     columns = [np.concatenate(_pair(made, picture, made.lights), 0) for picture in chosen]
     confidence = _confidence(made)
@@ -94,7 +99,8 @@ def write_sheet(path: Path, made: MadePerson, pictures: Sequence[HandPicture], c
     image = Image.new("RGB", (whole.shape[1], whole.shape[0] + _CAPTION_PX), "white")
     image.paste(Image.fromarray(whole), (0, _CAPTION_PX))
     ImageDraw.Draw(image).text((4, 3), caption, fill="black")
-    image.save(path)
+    with replacing(path) as temporary:
+        image.save(temporary, "PNG")
 
 
 def _pair(made: MadePerson, picture: HandPicture, lights: Mapping[int, Illumination]) -> list[np.ndarray]:

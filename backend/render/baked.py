@@ -28,7 +28,7 @@ from ..records.depth_profile import DepthProfile
 from ..records.frame import Frame, empty_frame
 from ..records.shot import Shot, SurfaceMesh
 from ..records.side import Side
-from .lit_shots import ShotsAtOnce, reason_of_avatar, say_overflow
+from .lit_shots import HandInCrop, ShotsAtOnce, reason_of_avatar
 from .pipeline import Pipeline, PosedShot
 from .progress import RenderProgress
 
@@ -64,22 +64,6 @@ class BakedPipeline(Pipeline):
             progress.begin("decode")
             frame = decode_frame(image.float(), depth, crop, shot.camera.size_px)
             return replace(frame, profile=depth_profile(rays, crop, shot.camera.size_px)) if crop.scale == 2 else frame
-
-    @property
-    def renders_at_once(self) -> bool:
-        """As in `HandRenderer`."""
-        return self._shots is not None
-
-    def at_once(self, shot: Shot) -> Frame | None:
-        """Render a frame as one; None: stages must render it, because its camera is orthographic or as a warning says.
-
-        Raises:
-            LiveHandError: the shot's mesh is not of this hand model.
-        """
-        if self._shots is None or shot.camera.is_orthographic:
-            return None
-        self.topology_of(shot)
-        return self._shots.render(shot)
 
     def field_conditions(self, posed: PosedShot) -> FrameConditions:
         """Return the field's conditions for the pose: its own shadows, and its bones if the field asks for them.
@@ -125,19 +109,10 @@ class BakedPipeline(Pipeline):
 class BakedShots(ShotsAtOnce):
     """Renders shots of one avatar in its capture's light by a backend's whole frames."""
 
-    def render(self, shot: Shot) -> Frame | None:
-        """Render a shot; None: it has more of something than there is room for."""
-        with self._lock:  # a frame's pixels are valid until the next
-            return self._rendered(shot)
-
-    def _rendered(self, shot: Shot) -> Frame | None:
-        of_hand = self.in_crop(shot)
-        if of_hand is None:
-            return empty_frame(shot.camera.size_px)
+    def _rendered(self, shot: Shot, of_hand: HandInCrop) -> Frame | None:
         given = of_hand.vertices.numpy(), self.joint_pose(shot.pose), of_hand.camera, of_hand.window_px
         found = self._renderer(shot.pose.side).render(BakedShot(*given, of_hand.scale, of_hand.bounds))
         if found is None:
-            say_overflow()
             return None
         pixels, (row, *of_rays) = found
         frame = self.images.frame(pixels, of_hand.crop, shot.camera.size_px, is_lit=False)

@@ -34,7 +34,7 @@ from ..light.kept_samples import KeptPatches, KeptSamples
 from ..light.lamp_samples import HARD_RAD, LampSamples
 from ..light.shadow_maps import Bounds
 from ..records.frame import Frame, empty_frame
-from ..records.light import Light
+from ..records.light import Light, Sky
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
 from ..surface.blood import Blanching
@@ -48,6 +48,13 @@ from .primary_hits import EDGE_M, STANDS_OUT_M
 BUCKET_PX = 64
 """Sizes of rays' images are multiples of this: frames of one size share buffers, and a recorded sequence."""
 LOGGER = logging.getLogger(__name__)
+_OVERFLOW = "a GPU's lists hold fewer edges or layers, its memory is full, or it failed; stages render this frame"
+_EVEN_SKY = Sky(np.ones((1, 1, 3)))
+
+
+def light_of(shot: Shot, avatar: Avatar) -> Light:
+    """Return the shot's light, or the avatar's own."""
+    return shot.light or Light(sky=avatar.sky or _EVEN_SKY)
 
 
 def reason_for_stages(shot: Shot) -> str | None:
@@ -117,6 +124,24 @@ class ShotsAtOnce:
     backend: ReferenceBackend
     _lock: AbstractContextManager = field(default_factory=threading.Lock, compare=False, repr=False)
 
+    def knows(self, shot: Shot) -> bool:
+        """Tell whether nothing of a shot asks for stages."""
+        return not shot.camera.is_orthographic
+
+    def render(self, shot: Shot) -> Frame | None:
+        """Render a shot; None: it has more of something than there is room for, which a warning says."""
+        with self._lock:  # a frame's pixels are valid until the next
+            of_hand = self.in_crop(shot)
+            if of_hand is None:
+                return empty_frame(shot.camera.size_px)
+            frame = self._rendered(shot, of_hand)
+        if frame is None:
+            LOGGER.warning(_OVERFLOW)
+        return frame
+
+    def _rendered(self, shot: Shot, of_hand: HandInCrop) -> Frame | None:
+        raise NotImplementedError
+
     def in_crop(self, shot: Shot) -> HandInCrop | None:
         """Find a shot's crop; None: nothing of the hand is in view."""
         topology, config = self.topology(shot.pose.side), self.avatar.config
@@ -174,13 +199,6 @@ def mirror_to(side: Side, of: Side) -> np.ndarray:
     return np.ones(3) if side == of else MIRROR_AXIS_ANGLE
 
 
-def say_overflow() -> None:
-    """Warn that stages render a frame that was to be rendered at once."""
-    LOGGER.warning(
-        "a GPU's lists hold fewer edges or layers, its memory is full, or it failed; stages render this frame"
-    )
-
-
 @dataclass(frozen=True)
 class LitShots(ShotsAtOnce):
     """Renders shots of one relightable avatar by a backend's whole frames.
@@ -199,18 +217,13 @@ class LitShots(ShotsAtOnce):
         surface = avatar_surface_of(avatar, torch.device("cpu"))
         return None if surface is None else cls(avatar, hand, backend, surface=surface)
 
-    def render(self, shot: Shot, light: Light) -> Frame | None:
-        """Render a shot in a light; None: it has more of something than there is room for."""
-        with self._lock:  # a frame's pixels are valid until the next
-            return self._rendered(shot, light)
+    def knows(self, shot: Shot) -> bool:
+        """Tell whether nothing of a shot asks for stages, as `reason_for_stages` says."""
+        return reason_for_stages(shot) is None
 
-    def _rendered(self, shot: Shot, light: Light) -> Frame | None:
-        of_hand = self.in_crop(shot)
-        if of_hand is None:
-            return empty_frame(shot.camera.size_px)
-        pixels = self._renderer(shot.pose.side).render(self._lit_shot(shot, light, of_hand))
+    def _rendered(self, shot: Shot, of_hand: HandInCrop) -> Frame | None:
+        pixels = self._renderer(shot.pose.side).render(self._lit_shot(shot, light_of(shot, self.avatar), of_hand))
         if pixels is None:
-            say_overflow()
             return None
         return self.images.frame(pixels, of_hand.crop, shot.camera.size_px, shot.light is not None)
 

@@ -31,8 +31,10 @@ from ..hand.topology import Skinning, topology_of
 from ..image.crop import Crop, crop_of
 from ..light.samples import FINAL, PREVIEW
 from ..records.errors import LiveHandError
+from ..records.frame import Frame
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
+from .lit_shots import ShotsAtOnce
 from .progress import RenderProgress
 
 Network = TypeVar("Network", bound=nn.Module)
@@ -75,7 +77,22 @@ class Pipeline:
     @property
     def renders_at_once(self) -> bool:
         """As in `HandRenderer`."""
-        return False
+        return self._shots is not None
+
+    def at_once(self, shot: Shot) -> Frame | None:
+        """Render a frame as one; None: stages must render it, as avatar or shot ask for, or a warning says why.
+
+        Raises:
+            LiveHandError: the shot's mesh is not of this hand model.
+        """
+        if self._shots is None or not self._shots.knows(shot):
+            return None
+        self.topology_of(shot)
+        return self._shots.render(shot)
+
+    @cached_property
+    def _shots(self) -> ShotsAtOnce | None:
+        raise NotImplementedError
 
     def posed(self, shot: Shot) -> PosedShot | None:
         """Pose the shot's mesh and find its crop; None if nothing of it is in view."""

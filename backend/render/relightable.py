@@ -51,7 +51,7 @@ from ..light.lamp_samples import LampSamples
 from ..light.lighting import LightFeatures
 from ..light.samples import LightSamples
 from ..records.frame import Frame, empty_frame
-from ..records.light import Light, Sky
+from ..records.light import Light
 from ..records.shot import Shot, SurfaceMesh
 from ..surface.hairs import visible_hairs, with_hairs
 from ..surface.hole_filling import add_missing_rays, inpaint
@@ -59,14 +59,12 @@ from .albedo import vertex_albedo
 from .avatar_surface import avatar_surface_of
 from .gbuffer import DecodedRays, GBuffer, RelightableNetworks, SurfaceLayer
 from .light_visibility import NO_OCCLUDERS, LightVisibility, light_visibility, sky_shadows
-from .lit_shots import LitShots, reason_for_stages
+from .lit_shots import LitShots, light_of
 from .measured_light import AtRays, measured_at
 from .pipeline import Pipeline, PosedShot
 from .posed_surface import SurfaceInView, SurfacePoser
 from .primary_hits import LampShadowCasters, PrimaryHits, primary_hits, skin_at_full_size
 from .progress import RenderProgress
-
-_EVEN_SKY = Sky(np.ones((1, 1, 3)))
 
 
 class _LastGBuffer(threading.local):
@@ -98,22 +96,6 @@ class RelightablePipeline(Pipeline):
         with self.backend.threads_of_frame(gbuffer.crop.pixels):
             return replace(self.developed(gbuffer, self.lit(gbuffer, shot)), is_lit=shot.light is not None)
 
-    @property
-    def renders_at_once(self) -> bool:
-        """As in `HandRenderer`."""
-        return self._shots is not None
-
-    def at_once(self, shot: Shot) -> Frame | None:
-        """Render a frame as one; None: stages must render it, as `reason_for_stages` says or a warning.
-
-        Raises:
-            LiveHandError: the shot's mesh is not of this hand model.
-        """
-        if self._shots is None or reason_for_stages(shot) is not None:
-            return None
-        self.topology_of(shot)
-        return self._shots.render(shot, self.light_of(shot))
-
     def gbuffer_of(self, shot: Shot, progress: RenderProgress) -> GBuffer | None:
         """Return this thread's last G-buffer if it shows the shot, else render it; None: no hand is in the picture."""
         progress.begin("pose")
@@ -126,13 +108,9 @@ class RelightablePipeline(Pipeline):
         progress.begin("light")
         return gbuffer
 
-    def light_of(self, shot: Shot) -> Light:
-        """Return the shot's light, or the avatar's own."""
-        return shot.light or Light(sky=self.avatar.sky or _EVEN_SKY)
-
     def lit(self, gbuffer: GBuffer, shot: Shot) -> LightFeatures:
         """Return what the shot's light, or the avatar's own, does at the rays' points."""
-        light = self.light_of(shot)
+        light = light_of(shot, self.avatar)
         return self.features(gbuffer, self.visibility(gbuffer, light), light)
 
     def gbuffer(self, posed: PosedShot, progress: RenderProgress) -> GBuffer:

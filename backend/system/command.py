@@ -23,6 +23,9 @@ from .memory import memory_message
 from .processes import stopping_as_at_ctrl_c
 from .thread_limits import allow_cpu_for_mps, limit_spinning
 
+FOV_LIMITS_DEG = 1, 170
+"""Of a camera's horizontal angle of view."""
+
 
 @contextlib.contextmanager
 def blender_silenced() -> Generator[None, None, None]:
@@ -154,8 +157,9 @@ def parse_fov(text: str) -> float:
         value = float(text)
     except ValueError:
         value = -1.0
-    if not 1 <= value <= 170:
-        raise argparse.ArgumentTypeError(f"must be an angle of 1 to 170 degrees, got {text!r}")
+    least, most = FOV_LIMITS_DEG
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"must be an angle of {least} to {most} degrees, got {text!r}")
     return value
 
 

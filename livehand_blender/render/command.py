@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from ...backend.avatars.library import SHIPPED, avatar_path
+from ...backend.avatars.library import SHIPPED, avatar_path, check_avatar_path
 from ...backend.batch.content_credentials import add_signing_arguments, signing_key
 from ...backend.batch.folders import folders_of, writable_folder
 from ...backend.batch.frame_paths import FORMATS
@@ -117,6 +117,8 @@ def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunR
     signing, formats = signing_key(args), args.format or ("exr",)
     if signing is not None and "png" not in formats:
         raise LiveHandError("signed frames must be PNGs, C2PA has no place in OpenEXR; add --format exr,png")
+    if args.avatar is not None:
+        check_avatar_path(args.avatar)
     with in_blender():
         plans = [
             SequencePlan(

@@ -19,6 +19,7 @@ from ...backend.person.kept_steps import remove_work
 from ...backend.person.sources import FILM_SUFFIXES
 from ...backend.surface.people.look import ADJUSTABLE, MOST_SEED, NUMBERS, PERSON_NUMBERS
 from ...backend.system.child_job import ChildJob
+from ...backend.system.command import FOV_LIMITS_DEG
 from ...backend.system.packages import PICTURES, missing_of, missing_requirements
 from ..render.hand_source import hand_source, set_avatar
 from ..rig.hand import active_hand
@@ -32,6 +33,13 @@ _SIDES = (
     ("right", "Right", "The right hand"),
     ("left", "Left", "The left hand"),
 )
+
+
+def _keep_field_of_view(operator: bpy.types.Operator, _context: bpy.types.Context) -> None:
+    """Give a value between not known and the least that the command takes that least one."""
+    least = radians(FOV_LIMITS_DEG[0])
+    if 0 < operator.field_of_view < least:
+        operator.field_of_view = least
 
 
 class LIVEHAND_OT_person_from_pictures(NeedsTracker, RunsJob, bpy.types.Operator, ImportHelper):
@@ -64,7 +72,8 @@ class LIVEHAND_OT_person_from_pictures(NeedsTracker, RunsJob, bpy.types.Operator
         subtype="ANGLE",
         default=0.0,
         min=0.0,
-        max=radians(170),
+        max=radians(FOV_LIMITS_DEG[1]),
+        update=_keep_field_of_view,
     )
 
     @classmethod

@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from livehand.backend.avatars.avatar import PRESETS, new_avatar
 from livehand.backend.avatars.file import save_avatar
+from livehand.backend.compute.kernels.cache_folder import kernel_folder_name
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.system.command import parse_size_px
 from livehand.livehand_blender import cli
@@ -23,7 +25,7 @@ FAKE_PROGRAM = Path(__file__).parent / "fake_livehand.py"
 
 def run_program(*arguments, program=(FAKE_PROGRAM,), **more_env):
     command = [sys.executable, *map(str, program), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, env=os.environ | more_env, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, env=os.environ | more_env, check=False)
 
 
 @pytest.fixture
@@ -156,11 +158,22 @@ def test_an_output_folder_in_the_way_ends_with_1(capsys, shot_path, tmp_path):
     assert "must be writable" in capsys.readouterr().err
 
 
-def test_a_missing_avatar_ends_with_1(capsys, shot_path, tmp_path):
-    arguments = ["render", str(shot_path), "-o", str(tmp_path / "out"), "--avatar", str(tmp_path / "no.safetensors")]
-    assert cli.main(arguments) == 1
-    assert "no file at" in capsys.readouterr().err
+def test_a_mistyped_avatar_ends_with_1_and_the_names_that_ship(capsys, shot_path, tmp_path):
+    assert cli.main(["render", str(shot_path), "-o", str(tmp_path / "out"), "--avatar", "Deep"]) == 1
+    assert re.search("no avatar at Deep; .* light, middle, deep, lena", capsys.readouterr().err)
     assert not (tmp_path / "out").exists()
+
+
+def test_who_waits_for_kernels_to_be_compiled_is_told(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    arguments = ["render", str(tmp_path / "none.blend"), "-o", str(tmp_path / "out")]
+    cli.main(arguments)
+    assert "compiles kernels" in capsys.readouterr().err
+    kept = tmp_path / "livehand" / kernel_folder_name() / "kernels_1" / "one.nbc"
+    kept.parent.mkdir(parents=True)
+    kept.touch()
+    cli.main(arguments)
+    assert "compiles kernels" not in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")

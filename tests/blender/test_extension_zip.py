@@ -140,7 +140,7 @@ def install_and_render(zip_path, image_path, *missing):
         cwd=image_path.parent,
         capture_output=True,
         text=True,
-        timeout=400,
+        timeout=1800,
         check=False,
     )
 

@@ -10,6 +10,7 @@ import pytest
 from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.person.command import start_person
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.system.command import parse_fov
 from livehand.backend.system.packages import Requirement
 from livehand.livehand_blender.render.hand_source import hand_source
 from livehand.livehand_blender.rig.hand import active_hand
@@ -64,6 +65,15 @@ def test_the_active_hand_wears_the_new_avatar(ends_with, tmp_path):
     assert arguments[arguments.index("--consent") + 1] == "yes"
     assert float(arguments[arguments.index("--length-mm") + 1]) == 188
     assert float(arguments[arguments.index("--fov") + 1]) == pytest.approx(np.rad2deg(1.1), abs=1e-3)
+
+
+@pytest.mark.parametrize(("given_deg", "told_deg"), [(0.0, None), (0.3, 1.0), (1.0, 1.0), (200.0, 170.0)])
+def test_the_angle_of_view_is_unknown_or_one_that_the_command_takes(ends_with, given_deg, told_deg):
+    ends_with({"seen": 0.7, "notes": []})
+    make(filepath="/film.mp4", field_of_view=np.deg2rad(given_deg))
+    arguments = FakeJob.started
+    assert ("--fov" in arguments) == (told_deg is not None)
+    assert told_deg is None or parse_fov(arguments[arguments.index("--fov") + 1]) == pytest.approx(told_deg)
 
 
 def test_a_person_is_adjusted_by_what_is_switched_on(ends_with, tmp_path, monkeypatch):

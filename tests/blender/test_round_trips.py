@@ -51,7 +51,8 @@ def test_a_motion_comes_back_from_a_rig(other_rigs, rigify_file, model, curves_o
     assert sent.doubt is None
     forget(ours)
     assert apart_deg(sample_motion(bpy.context, ours, FRAMES).theta, before.theta).max() > 30
-    assert bake(bpy.context, ours, source, FRAMES, fits_shape=False).doubt is None
+    doubt = bake(bpy.context, ours, source, FRAMES, fits_shape=False).doubt
+    assert doubt is None or (arm == "IK" and doubt.startswith("the wrist bends"))  # the elbow aims the forearm
     after = sample_motion(bpy.context, ours, FRAMES)
     joints_deg = apart_deg(after.theta, before.theta).max(0)
     wrist_m = np.linalg.norm(after.transl - before.transl, axis=1).max()

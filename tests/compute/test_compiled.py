@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from livehand.backend.compute.kernels import compiled as compiled_module
 from livehand.backend.compute.kernels.cache_folder import (
+    has_kernels,
     is_prepared,
     kernel_folder_name,
     mark_prepared,
@@ -43,7 +44,11 @@ def test_whether_all_kernels_are_compiled_is_known_without_numba(monkeypatch, tm
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert not is_prepared()
     folder = tmp_path / "livehand" / kernel_folder_name()
-    folder.mkdir(parents=True)
+    (folder / "kernels_1").mkdir(parents=True)
+    assert not has_kernels()
+    (folder / "kernels_1" / "rays.march-1.py311.1.nbc").touch()
+    assert has_kernels()
+    assert not is_prepared()
     mark_prepared(folder)
     assert is_prepared()
     assert _cache_folder(str(tmp_path)) == folder

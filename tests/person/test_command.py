@@ -66,6 +66,10 @@ def test_an_error_of_the_pictures_leaves_nothing(run, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["photos"]
 
 
+def test_another_kind_of_sheet_is_refused_before_the_work(run, tmp_path):
+    assert run(LiveHandError("--sheet must name"), "--sheet", str(tmp_path / "anna.txt")) == 0
+
+
 def test_a_canceled_job_leaves_nothing(tmp_path, pictured):
     output = tmp_path / "anna.safetensors"
     KeptSteps.beside(output, {}).kept("pictures", lambda: pictured, PICTURED_HAND)

@@ -95,8 +95,8 @@ def test_the_person_in_that_light_is_what_the_pictures_show(shown, hand, written
         sure = (truth[..., 3] > 0.99) & (frame.alpha > 0.99)
         off = np.log(frame.rgb[sure] + 0.01) - np.log(truth[sure][:, :3] + 0.01)
         assert sure.mean() > 0.05
-        assert np.abs(np.median(off, 0)).max() < 0.07
-        assert np.abs(off).mean() < 0.16
+        assert np.abs(np.median(off, 0)).max() < 0.06
+        assert np.abs(off).mean() < 0.12
 
 
 def test_poses_go_to_where_the_pictures_show_the_hand(shown, hand, written):

@@ -22,6 +22,7 @@ from livehand.backend.person.making import (
 )
 from livehand.backend.person.person_avatar import person_avatar, shipped_bases
 from livehand.backend.person.review import held_out_figures, write_sheet
+from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing, sky_directions
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.renderer import Renderer
@@ -96,8 +97,11 @@ def test_a_held_out_picture_is_shown(made, hand, tmp_path):
     assert figures.pictures == 1
     assert figures.psnr_db > 26
     assert figures.overlap > 0.97
-    write_sheet(tmp_path / "sheet.png", made, hand.pictures, "made")
-    assert (tmp_path / "sheet.png").stat().st_size > 10_000
+    sheet = tmp_path / "new" / "sheet.png"
+    write_sheet(sheet, made, hand.pictures, "made")
+    assert sheet.stat().st_size > 10_000
+    with pytest.raises(LiveHandError, match=r"must be writable"):
+        write_sheet(sheet / "sheet.png", made, hand.pictures, "made")
 
 
 def test_the_sheet_shows_the_person_in_all_of_the_light_that_was_found(made, hand):

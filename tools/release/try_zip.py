@@ -22,7 +22,7 @@ from .check import OPTIONAL, target_of
 from .imports import imports_of, sources_of_zip
 
 OF_BLENDER = ("bpy", "numpy", "numpy.libs")
-_SECONDS = 900
+_SECONDS = 1800  # kernels are compiled, on a machine that may be busy
 _TRY = """
 import importlib, json, sys, time
 blender, zip_path, image_path, *modules = sys.argv[1:]
@@ -78,15 +78,19 @@ def try_zip(path: Path, image: Path | None = None) -> dict[str, Any]:
             if (found := _site_of(name)).exists():
                 (blender / name).symlink_to(found)
         arguments = [str(blender), str(path.resolve()), str(image.resolve()) if image else "", *modules]
-        done = subprocess.run(
-            [sys.executable, "-I", "-S", "-c", _TRY, *arguments],
-            env=os.environ | {"BLENDER_USER_RESOURCES": str(user)},
-            cwd=temporary,
-            capture_output=True,
-            text=True,
-            timeout=_SECONDS,
-            check=False,
-        )
+        try:
+            done = subprocess.run(
+                [sys.executable, "-I", "-S", "-c", _TRY, *arguments],
+                env=os.environ | {"BLENDER_USER_RESOURCES": str(user)},
+                cwd=temporary,
+                capture_output=True,
+                text=True,
+                timeout=_SECONDS,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            so_far = (error.stdout or b"").decode(errors="replace")[-500:]
+            raise LiveHandError(f"{path.name} must render within {_SECONDS} s, got only: {so_far}") from None
         facts: dict[str, Any] = {}
         for line in done.stdout.splitlines():
             if line.startswith("TRIED "):

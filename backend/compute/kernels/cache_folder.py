@@ -43,8 +43,17 @@ def kernel_folder_name() -> str:
 
 def is_prepared() -> bool:
     """Return whether a user's machine has all kernels compiled, which a file says; asks without numba."""
+    return any((folder / _PREPARED).is_file() for folder in _kernel_folders())
+
+
+def has_kernels() -> bool:
+    """Return whether a user's machine has any kernels compiled; asks without numba."""
+    return any(any(folder.glob("*/*.nbc")) for folder in _kernel_folders())
+
+
+def _kernel_folders() -> list[Path]:
     name = kernel_folder_name()
-    return any((home / name / _PREPARED).is_file() for home in _candidates(os.environ.get("NUMBA_CACHE_DIR", "")))
+    return [home / name for home in _candidates(os.environ.get("NUMBA_CACHE_DIR", ""))]
 
 
 def mark_prepared(folder: Path) -> None:
