@@ -31,7 +31,7 @@ from .albedo.agreement import GatheredRatio
 from .albedo.completion import CompletedRatio, completed_ratio, with_unseen_detail
 from .albedo.gathering import gathered_ratio
 from .fit.hand_size import with_mean_proportions
-from .fit.refit import Refit, refitted
+from .fit.refit import refitted
 from .fit.stray_fingers import without_stray_fingers
 from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lit_model.illumination import (
@@ -243,8 +243,7 @@ def person_of_pictures(
         made = made_person(base, hand, bases.family, of_rounds, log, lamps)
         if index == 0:
             hand, sighted = _with_mended_fingers(made, hand, sighted, log)
-        refit = _refitted(made, hand, options.length_m, None, sighted, log)
-        hand = replace(hand, pictures=refit.pictures, offset_m=refit.offset_m)
+        hand = _refitted(made, hand, options.length_m, None, sighted, log)
         melanin, lamps = made.completed.numbers.melanin, made.lamps
     base = shaped(bases.nearest(melanin), hand)
     return _with_unseen_detail(made_person(base, hand, bases.family, options, log, lamps)), hand
@@ -313,8 +312,7 @@ def _early_round(
         if hand.is_calibrated:
             hand = fitted_to_skin(made.model, hand, made.lights)
         else:
-            refit = _refitted(made, hand, options.length_m, longest_px, sighted, log)
-            hand = replace(hand, pictures=refit.pictures)
+            hand = _refitted(made, hand, options.length_m, longest_px, sighted, log)
     return FittedRound.of(hand, made.completed.numbers.melanin)
 
 
@@ -325,10 +323,10 @@ def _refitted(
     longest_px: int | None,
     sighted: Sequence[HandPose],
     log: Log,
-) -> Refit:
+) -> PicturedHand:
     refit = refitted(made.model, hand.pictures, made.lights, length_m=length_m, longest_px=longest_px, sighted=sighted)
     log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
-    return refit
+    return replace(hand, pictures=refit.pictures)
 
 
 def _with_mended_fingers(

@@ -26,19 +26,11 @@ _FLOW_ERROR_PX, _BEHIND_M, _LEAST_FACING = 3.0, 0.004, 0.15
 
 
 class OutlineTargets(NamedTuple):
-    """K vertices at the outline, and where the mask's edge is.
-
-    Attributes:
-        vertex: [K] which.
-        px: [K, 2] of the mask's edge.
-        normal: [K, 2] unit, inward, there.
-        inside_px: [K] how far the vertices lie inside the model's own outline.
-    """
+    """K vertices at the outline: which, the points [K, 2] px of the mask's edge, and its unit normals [K, 2] there."""
 
     vertex: np.ndarray
     px: np.ndarray
     normal: np.ndarray
-    inside_px: np.ndarray
 
 
 def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndarray) -> OutlineTargets:
@@ -50,7 +42,7 @@ def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndar
         vertices_px: [V, 2] the mesh's, projected.
     """
     ours, theirs = outline_of(seen.is_seen), outline_of_mask(labels, sure_pixels(labels, _BESIDE_UNKNOWN_PX))
-    nothing = OutlineTargets(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+    nothing = OutlineTargets(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2)))
     if not len(ours.px) or not len(theirs.px):
         return nothing
     distance, at = (np.asarray(found) for found in KDTree(ours.rim_px).query(vertices_px))
@@ -58,9 +50,7 @@ def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndar
     off, matched = (np.asarray(found) for found in KDTree(theirs.rim_px).query(vertices_px[vertex]))
     agrees = (ours.normal[at[vertex]] * theirs.normal[matched]).sum(1) > _LEAST_AGREEMENT
     kept = agrees & (off < _FARTHEST_PX)
-    vertex, normal = vertex[kept], theirs.normal[matched[kept]]
-    inside_px = ((vertices_px[vertex] - ours.rim_px[at[vertex]]) * normal).sum(1)
-    return OutlineTargets(vertex, theirs.rim_px[matched[kept]], normal, inside_px)
+    return OutlineTargets(vertex[kept], theirs.rim_px[matched[kept]], theirs.normal[matched[kept]])
 
 
 class PoseTargets(NamedTuple):
@@ -82,9 +72,8 @@ class PoseTargets(NamedTuple):
 
     def enlarged(self, larger_by: np.ndarray) -> PoseTargets:
         """Return the targets in a picture larger by these factors [2] along x and y."""
-        mean = float(np.mean(larger_by))
-        outline = self.outline._replace(px=self.outline.px * larger_by, inside_px=self.outline.inside_px * mean)
-        flow_px = self.flow_px * mean
+        outline = self.outline._replace(px=self.outline.px * larger_by)
+        flow_px = self.flow_px * float(np.mean(larger_by))
         return self._replace(px=self.px * larger_by, outline=outline, flow_px=flow_px)
 
 

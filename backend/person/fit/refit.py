@@ -19,23 +19,17 @@ from ...system.parallel_map import parallel_map
 from ...system.thread_limits import thread_limit
 from ..lit_model.illumination import Illumination
 from ..lit_model.model import PersonModel
-from .own_shape import own_offsets
 from .pose_fit import fitted_poses
 from .pose_targets import PoseTargets, pose_targets
 
 
 @dataclass(frozen=True)
 class Refit:
-    """Pictures with their new poses, and means over them before the fit: flow in px, and overlap.
-
-    Attributes:
-        offset_m: [V] the person's own shape along the posed normals, as outlines have it now.
-    """
+    """Pictures with their new poses, and means over them before the fit: flow in px, and overlap."""
 
     pictures: tuple[HandPicture, ...]
     flow_px: float
     overlap: float
-    offset_m: np.ndarray
 
 
 def refitted(
@@ -72,7 +66,7 @@ def refitted(
         poses = fitted_poses(model.hand, pictures, targets, offsets_m, fits_shape, length_m, sighted)
     moved = tuple(replace(picture, pose=pose) for picture, pose in zip(pictures, poses, strict=True))
     flow_px, overlap = (float(np.mean([getattr(each, name) for each in targets])) for name in ("flow_px", "overlap"))
-    return Refit(moved, flow_px, overlap, own_offsets(model, moved, targets))
+    return Refit(moved, flow_px, overlap)
 
 
 def made_smaller(picture: HandPicture, longest_px: int) -> HandPicture:

@@ -95,11 +95,8 @@ class PersonModel:
         vertices = posed_vertices(self.hand, pose)
         if not self.offset_m.any():
             return vertices
-        return vertices + self.offset_m[:, None] * self.normals(pose)
-
-    def normals(self, pose: HandPose) -> np.ndarray:
-        """Pose the normals [V, 3] along which the person's shape is raised."""
-        return self.pipeline.mesh(Shot(pose, posed_vertices(self.hand, pose), _ANY_CAMERA)).normals.cpu().numpy()
+        normals = self.pipeline.mesh(Shot(pose, vertices, _ANY_CAMERA)).normals.cpu().numpy()
+        return vertices + self.offset_m[:, None] * normals
 
     def rendered(self, pose: HandPose, camera: Camera, light: Light) -> Frame:
         """Render the person without hair; a pose and a view that were rendered last take another light at once."""

@@ -38,7 +38,7 @@ def _targets(hand, pose, rng):
     angle = rng.uniform(0, 2 * np.pi, len(edge))
     normal = np.stack([np.cos(angle), np.sin(angle)], 1)
     along = rng.uniform(-3, 3, len(edge))[:, None] * normal[:, ::-1] * [1, -1]
-    return PoseTargets(px, weight, OutlineTargets(edge, px[edge] + along, normal, np.zeros(len(edge))), 0.0, 1.0)
+    return PoseTargets(px, weight, OutlineTargets(edge, px[edge] + along, normal), 0.0, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_the_optimum_is_that_of_a_slow_descent(hand, film):
     goal, weight = (
         torch.as_tensor(np.stack(values)).float() for values in zip(*((t.px, t.weight) for t in targets), strict=True)
     )
-    edges = [torch.as_tensor(np.stack(values)) for values in zip(*(t.outline[:3] for t in targets), strict=True)]
+    edges = [torch.as_tensor(np.stack(values)) for values in zip(*(t.outline for t in targets), strict=True)]
     K = torch.as_tensor(CAMERA.K).float()
 
     def stacked(poses):
@@ -130,7 +130,7 @@ def test_what_is_held_out_does_not_move_the_shape(hand, film):
 
 
 def replace_px(targets, px):
-    none = OutlineTargets(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+    none = OutlineTargets(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2)))
     return targets._replace(px=px, outline=none)
 
 

@@ -33,19 +33,6 @@ def test_vertices_of_the_outline_go_to_the_masks(shown):
     assert (targets.normal * inward).sum(1).min() > 0.9
 
 
-def test_it_is_told_how_far_vertices_lie_inside_their_outline(shown):
-    """Else what is drawn would grow by it."""
-    maps, rim_px = shown
-    further_px = rim_px + 1.0 / RADIUS_PX * ([MIDDLE_PX - 4, MIDDLE_PX] - rim_px)
-    labels = np.where(_disc(MIDDLE_PX), HAND, BACKGROUND).astype(np.uint8)
-    rim, further = (outline_targets(maps, labels, px) for px in (rim_px, further_px))
-    np.testing.assert_array_equal(further.vertex, rim.vertex)
-    assert 0.4 < (further.inside_px - rim.inside_px).mean() < 1.1  # from the nearest pixel of a rim, up to 1.4 thick
-    same = outline_targets(maps, np.where(_disc(MIDDLE_PX - 4), HAND, BACKGROUND).astype(np.uint8), further_px)
-    missed_px = ((same.px - further_px[same.vertex]) * same.normal).sum(1) + same.inside_px
-    assert np.abs(missed_px.mean()) < 0.02
-
-
 def test_the_outline_beside_what_is_unknown_is_no_target(shown):
     maps, rim_px = shown
     labels = np.where(_disc(MIDDLE_PX), HAND, BACKGROUND).astype(np.uint8)
