@@ -140,7 +140,7 @@ def test_a_parameter_that_is_not_uploaded_anew_is_seen(ours, theirs, shot, expec
 def test_an_overflow_that_is_not_said_is_seen(ours, shot, expected, monkeypatch):
     monkeypatch.setattr(lit_frame, "CAPACITY", 1)
     with new_buffers(ours):
-        assert ours.pipeline._shots.render(shot, shot.light) is None
+        assert ours.pipeline._shots.render(shot) is None
         buffers = sequence_of(ours, "left")
         monkeypatch.setattr(buffers.sequence, "_steps", [*buffers.sequence._steps, lambda: buffers["overflow"].zero_()])
         buffers.sequence.then(buffers.answer.download)
