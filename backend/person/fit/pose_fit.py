@@ -24,7 +24,7 @@ from ...records.shot import HandPose
 from .hand_size import LengthPrior
 from .pose_targets import PoseTargets
 
-BENDS = slice(3, THETA.stop)  # of fingers' joints
+_BENDS = slice(3, THETA.stop)  # of fingers' joints
 _POSE = 54  # unknowns of a pose: theta, transl, forearm
 _LARGE_PX = 4.0  # residuals beyond it count linearly
 _OUTLINE_WEIGHT = 0.5
@@ -60,7 +60,7 @@ def fitted_poses(
     start = Unknowns(torch.stack([_unknowns(pictures[index].pose) for index in first]), beta)
     length = None if length_m is None else LengthPrior.of(hand, pictures[0].pose.beta, length_m)
     bends = start.poses if sighted is None else torch.stack([_unknowns(sighted[index]) for index in first])
-    fit = _Fit(views, _Priors(start, bends[:, BENDS], stiff_turns(hand), length), fits_shape)
+    fit = _Fit(views, _Priors(start, bends[:, _BENDS], stiff_turns(hand), length), fits_shape)
     found = fit.solved(start)
     shape = found.beta.double().numpy()
     poses = [_pose(row, shape) for row in found.poses.double()]
@@ -168,7 +168,7 @@ class _Priors:
     def of_poses(self, poses: Tensor) -> Tensor:
         """Return the mean cost of poses [P, 54]."""
         off = poses - self.start.poses
-        cost = _THETA_WEIGHT * ((poses[..., BENDS] - self.bends) ** 2).sum(-1)
+        cost = _THETA_WEIGHT * ((poses[..., _BENDS] - self.bends) ** 2).sum(-1)
         cost = cost + _HINGE_WEIGHT * ((poses[..., THETA] @ self.stiff.T) ** 2).sum(-1)
         cost = cost + 0.5 * ((off[..., TRANSL] / _TRANSL_M) ** 2).sum(-1)
         return (cost + 0.5 * ((off[..., FOREARM] / _FOREARM_RAD) ** 2).sum(-1)).mean()
