@@ -1,8 +1,8 @@
 """Measure a person that was made of a stranger's film: `python -m livehand.tools.person.gates AVATAR TRUTH`.
 
 TRUTH is the folder that `film.py` filled. Gates 1 to 3: new poses, views and lights, with the true shape and with the
-person's own; 4: poses; 5: melanin; 6: contrast of seen and unseen skin; 7: the tattoo; 10: time. Gains are not fitted:
-an albedo that is too bright is an error.
+person's own; 5: melanin; 6: contrast of seen and unseen skin; 7: the tattoo; 10: time. `film_table` makes the people,
+too, and measures their poses (4). Gains are not fitted: an albedo that is too bright is an error.
 """
 
 from __future__ import annotations
@@ -90,15 +90,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("avatar", type=avatar_path, help="a file, or the name of one that ships")
     parser.add_argument("truth", type=Path, help="a folder of film.py")
     parser.add_argument("--numbers", type=Path, help="an avatar of the person's numbers alone")
-    parser.add_argument("--poses", type=Path, help="the fitted poses, each in its camera's axes (.npz)")
     parser.add_argument("--seconds", type=float, help="that making the person took")
     args = parser.parse_args(arguments)
     load_before = os.getloadavg()[0]
     hand, truth, avatar = load_default_hand(), read_truth(args.truth), load_avatar(args.avatar)
     rows = picture_gates(avatar, truth, hand, load_avatar(args.numbers) if args.numbers else None)
     rows += number_gates(avatar, truth)
-    if args.poses:
-        rows += pose_gates(args.poses, truth, hand)
     if args.seconds is not None:
         rows.append(Gate("10 seconds", args.seconds, most=180))
     for row in rows:
@@ -154,13 +151,9 @@ def number_gates(avatar: Avatar, truth: Truth) -> list[Gate]:
     return rows
 
 
-def pose_gates(path: Path, truth: Truth, hand: HandModel) -> list[Gate]:
-    """Measure gate 4 of a file of poses in their cameras' axes."""
-    with np.load(path) as found:
-        frames, beta = found["frames"], found["beta"]
-        fitted = HandMotion(found["theta"], beta, found["transl"])
-    true = poses_in_cameras(truth, frames, hand)
-    errors = pose_errors(hand, [fitted.pose(index) for index in range(len(fitted))], true)
+def pose_gates(fitted: Sequence[HandPose], frames: Sequence[int], truth: Truth, hand: HandModel) -> list[Gate]:
+    """Measure gate 4 of poses in their cameras' axes, of these frames of the film."""
+    errors = pose_errors(hand, fitted, poses_in_cameras(truth, frames, hand))
     return [
         Gate("4 tips, mm", errors.tips_mm, most=6),
         Gate("4 wrist, deg", errors.wrist_deg, most=2.5),
@@ -168,7 +161,7 @@ def pose_gates(path: Path, truth: Truth, hand: HandModel) -> list[Gate]:
     ]
 
 
-def poses_in_cameras(truth: Truth, frames: np.ndarray, hand: HandModel) -> list[HandPose]:
+def poses_in_cameras(truth: Truth, frames: Sequence[int], hand: HandModel) -> list[HandPose]:
     """Move the true poses of some frames into the axes of the cameras that took them."""
     wrist = rest_wrists(hand, truth.beta)
     found = []

@@ -112,6 +112,12 @@ def read_truth(folder: Path) -> Truth:
         return Truth(folder, float(arrays["melanin"]), cameras=cameras, log_factor=factor, **own)
 
 
+def film_fps(folder: Path) -> float:
+    """Read the rate of a folder's film."""
+    with np.load(folder / TRUTH_FILE) as arrays:
+        return float(arrays["fps"])
+
+
 def read_rgba(path: Path) -> np.ndarray:
     """Read a picture [H, W, 4] float32."""
     channels = read_exr(path)

@@ -1,0 +1,145 @@
+"""The people that ship against Cycles, in poses, views and lights that no training saw.
+
+`python -m livehand.tools.results.against_cycles FOLDER` renders each person, measures their avatar on the
+pictures, and writes the tables once all people are there. What is in the folder is kept. Who was trained is shown as in
+training, people of numbers in the surface and the albedo of their avatar.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from statistics import fmean
+from typing import Any, NamedTuple
+
+import torch
+
+from ...backend.avatars.file import load_avatar
+from ...backend.avatars.library import PERSONS, SHIPPED, SKINS, Shipped, shipped_avatar_path
+from ...backend.avatars.worn_textures import worn_textures
+from ...backend.capture.capture import Capture, save_capture_index
+from ...backend.capture.plan import CapturePlan
+from ...backend.capture.varied_light import HELD_OUT_KINDS
+from ...backend.evaluation.distances import fetched_lpips_distances
+from ...backend.evaluation.evaluate import scored_views
+from ...backend.hand.model import HandModel
+from ...backend.hand.model_file import load_default_hand
+from ...backend.render.renderer import Renderer
+from ...livehand_blender.capture.dressed_hand import DressedHand
+from ...livehand_blender.capture.render import Subject, is_complete, render_views
+from .collect import DATA, ROOT, keep, source
+
+_FIRST_SEED = 700
+_PLAN = CapturePlan(poses=44, eval_views=4, lights="varied")
+_FIGURES = ("psnr_hand", "psnr_full", "ssim_hand", "flip", "lpips")
+_WHAT = (
+    "`python -m livehand.tools.results.against_cycles`: each avatar that ships on 10 views of its own person by Cycles, "
+    f"64 samples, seeds from {_FIRST_SEED}; in brackets the views"
+)
+
+
+class MeasuredView(NamedTuple):
+    """What a view of a person gave: the kind of its light, whether it is a close-up, and `_FIGURES` by name."""
+
+    person: str
+    kind: str
+    is_close: bool
+    figures: Mapping[str, float]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Render and measure the people that are named, and write the tables if all were measured."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="keeps captures and figures")
+    parser.add_argument("--only", nargs="+", choices=SHIPPED, default=SHIPPED, help="avatars (default: all)")
+    parser.add_argument("--threads", type=int, help="of Cycles (default: all)")
+    args = parser.parse_args(arguments)
+    hand = load_default_hand()
+    for name in args.only:
+        path = _figures_path(args.folder, name)
+        if not path.is_file():
+            found = _measured(name, hand, args.folder / name, args.threads)
+            path.write_text(json.dumps([view._asdict() for view in found], indent=1) + "\n", encoding="utf-8")
+    paths = [_figures_path(args.folder, name) for name in SHIPPED]
+    if all(path.is_file() for path in paths):
+        views = [MeasuredView(**row) for path in paths for row in json.loads(path.read_text(encoding="utf-8"))]
+        keep({"tables": tables_of(views, source(_WHAT))}, ROOT / DATA / "views.json")
+        sys.stdout.write(f"written: {DATA / 'views.json'}\n")
+
+
+def _figures_path(folder: Path, name: str) -> Path:
+    return folder / f"{name}.json"
+
+
+def _measured(name: Shipped, hand: HandModel, folder: Path, threads: int | None) -> list[MeasuredView]:
+    avatar, seed = load_avatar(shipped_avatar_path(name)), _FIRST_SEED + SHIPPED.index(name)
+    assert avatar.surface is not None
+    subject = hand if name in SKINS else DressedHand(hand, worn_textures(avatar, hand))
+    capture = _rendered(subject, replace(_PLAN, person=avatar.surface.person, seed=seed), hand, folder, threads)
+    lpips = fetched_lpips_distances("alexnet", torch.device("cpu"))[:1]
+    scored = [view.score for view in scored_views(Renderer(avatar, hand, "cpu"), capture, capture.views, lpips)]
+    return [
+        MeasuredView(name, str(one.light_kind), one.camera_index % 2 == 1, {key: one.figures[key] for key in _FIGURES})
+        for one in scored
+    ]
+
+
+def _rendered(subject: Subject, plan: CapturePlan, hand: HandModel, folder: Path, threads: int | None) -> Capture:
+    """Render the views of poses and cameras that a training would hold out."""
+    planned = plan.make(folder, hand, {"plan": plan.facts()})
+    capture = replace(planned, views=tuple(planned.of_split("test")))
+    folder.mkdir(parents=True, exist_ok=True)
+    save_capture_index(capture)
+    missing = [view for view in capture.views if not is_complete(folder / view.file, view)]
+    if missing:
+        render_views(capture, missing, plan, subject, threads)
+    return capture
+
+
+def tables_of(views: Sequence[MeasuredView], of: Mapping[str, str]) -> dict[str, Any]:
+    """Tabulate the views by the kind of light, and by person."""
+    shown = {"source": of}
+    by_light = [[kind, *_pair([view for view in views if view.kind == kind])] for kind in sorted_kinds(views)]
+    by_light.append(["all", *_pair(views)])
+    people = [name for name in SHIPPED if any(view.person == name for view in views)]
+    by_person = [_person_row(name, [view for view in views if view.person == name]) for name in people]
+    return {
+        "psnr": {**shown, "columns": ["hand, dB", "whole", "close-up"], "rows": by_light},
+        "people": {**shown, "columns": _PERSON_COLUMNS, "rows": by_person},
+    }
+
+
+_PERSON_COLUMNS = ["person", "whole: hand, dB", "close-up: hand, dB", "image, dB", "SSIM of the hand", "FLIP", "LPIPS"]
+
+
+def sorted_kinds(views: Sequence[MeasuredView]) -> list[str]:
+    """Return the kinds of light that there are, as captures order them."""
+    return [kind for kind in HELD_OUT_KINDS if any(view.kind == kind for view in views)]
+
+
+def _person_row(name: Shipped, views: Sequence[MeasuredView]) -> list[str]:
+    formats: dict[str, Callable[[float], str]] = {
+        "psnr_full": "{:.1f}".format,
+        "ssim_hand": "{:.3f}".format,
+        "flip": "{:.3f}".format,
+        "lpips": "{:.3f}".format,
+    }
+    means = (form(fmean(view.figures[key] for view in views)) for key, form in formats.items())
+    return [PERSONS[name], *_pair(views), *means]
+
+
+def _pair(views: Sequence[MeasuredView]) -> list[str]:
+    """Return the mean PSNR on the hand of whole hands and of close-ups."""
+    return [_mean([view for view in views if view.is_close == is_close]) for is_close in (False, True)]
+
+
+def _mean(views: Sequence[MeasuredView]) -> str:
+    return f"{fmean(view.figures['psnr_hand'] for view in views):.1f} ({len(views)})" if views else "-"
+
+
+if __name__ == "__main__":
+    main()
