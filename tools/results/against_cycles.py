@@ -37,8 +37,8 @@ _FIRST_SEED = 700
 _PLAN = CapturePlan(poses=44, eval_views=4, lights="varied")
 _FIGURES = ("psnr_hand", "psnr_full", "ssim_hand", "flip", "lpips")
 _WHAT = (
-    "`python -m livehand.tools.results.against_cycles`: each avatar that ships on 10 views of its own person by Cycles, "
-    f"64 samples, seeds from {_FIRST_SEED}; in brackets the views"
+    "`python -m livehand.tools.results.against_cycles`: each avatar that ships on 10 views of its own person by "
+    f"Cycles, 64 samples, seeds from {_FIRST_SEED}; in brackets the views"
 )
 
 
