@@ -44,7 +44,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         type=parse_fov,
         metavar="DEG",
         help="the camera's angle of view, horizontal of a film, along the longer side of photographs that do not tell "
-        "it (default: about 58, 65)",
+        "it (default: a phone's, 65 along the longer side)",
     )
     parser.add_argument("--consent", default="", metavar="TEXT", help="what the person agreed to; kept in the avatar")
     parser.add_argument("--licence", default="not stated", metavar="TEXT", help="of the avatar; kept in it")

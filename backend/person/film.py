@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from math import atan, degrees, radians, tan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,6 +42,8 @@ Progress = Callable[[str], None]
 
 LONGEST_PX = 900
 """The longer side of a hand in its picture."""
+USUAL_FOV_DEG = 65.0
+"""Along the longer side, where nothing tells it: of a phone's main camera, 24 to 26 mm in terms of a 35 mm film."""
 HELD_OUT_EVERY = 6
 LITTLE_SKIN = 0.6
 """Share of the skin below which people are told that the rest is a guess; a hand's one side is about 0.45."""
@@ -68,7 +71,7 @@ def pictures_of_film(
         most: number of pictures.
         networks: the tracker's; None: the user's own.
         steps: where the take is kept; None: nowhere.
-        fov_deg: the camera's horizontal angle of view; None: a usual one.
+        fov_deg: the camera's horizontal angle of view; None: a phone's (`usual_fov_deg`).
 
     Raises:
         LiveHandError: it is no film, or shows no hand, more than two hands, or nothing with the colour of skin.
@@ -87,7 +90,7 @@ def pictures_of_film(
 
     def tracked() -> FilmedTake:
         found = track_frames(frames_of_film(video, _MOST_FPS), HandTracker(networks))
-        return filmed_take(found, min(video.fps, _MOST_FPS), fov_deg, path)
+        return filmed_take(found, min(video.fps, _MOST_FPS), fov_deg or usual_fov_deg(found.size_px), path)
 
     take = (steps or KeptSteps()).kept("take", tracked, FILMED_TAKE)
     chosen_side = hand_to_capture(take, side)
@@ -153,6 +156,11 @@ def _others_px(
 
 def _at(hand: FilmedHand, frame: int) -> np.ndarray:
     return np.flatnonzero(hand.frames == frame)
+
+
+def usual_fov_deg(size_px: tuple[int, int]) -> float:
+    """Return the horizontal angle of view that a phone's film of this (width, height) usually has."""
+    return degrees(2 * atan(size_px[0] / max(size_px) * tan(radians(USUAL_FOV_DEG) / 2)))
 
 
 def is_held_out(index: int, count: int) -> bool:

@@ -25,7 +25,7 @@ from ..tracking.turning_hand.coverage import covered_share
 from ..tracking.turning_hand.hand_frames import hand_frames
 from ..tracking.turning_hand.take_shape import fit_with_shape
 from ..tracking.turning_hand.window import camera_of, image_of, window_around
-from .film import LONGEST_PX, Progress, check_one_person, is_held_out, unseen_note
+from .film import LONGEST_PX, USUAL_FOV_DEG, Progress, check_one_person, is_held_out, unseen_note
 from .other_hands import in_window
 from .skin_masks import labelled
 
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from ..tracking.weights import TrackerNetworks
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif")
-USUAL_FOV_DEG = 65.0
-"""Angle of view along the longer side, where a file does not say; a phone's main camera has about that."""
 _FILM_DIAGONAL_MM = hypot(36, 24)
 _MM_OF_UNIT = {2: 25.4, 3: 10.0}  # of EXIF's focal plane resolution
 _FOCAL_RANGE = (0.3, 20.0)  # times the longer side

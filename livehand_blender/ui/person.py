@@ -68,7 +68,7 @@ class LIVEHAND_OT_person_from_pictures(NeedsTracker, RunsJob, bpy.types.Operator
     field_of_view: FloatProperty(
         name="Field of View",
         description="The camera's, horizontal of a film, along the longer side of photographs that do not tell it. "
-        "0 is not known",
+        "0 is a phone's",
         subtype="ANGLE",
         default=0.0,
         min=0.0,

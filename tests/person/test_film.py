@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.film import is_held_out, pictures_of_film, unseen_note
+from livehand.backend.person.film import is_held_out, pictures_of_film, unseen_note, usual_fov_deg
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.hand_picture import HAND, UNKNOWN
 
@@ -30,6 +30,11 @@ def test_a_film_becomes_pictures(film, shown, networks, hand):
 def test_a_film_without_a_hand_is_told(film, networks, hand):
     with pytest.raises(LiveHandError, match=r"must show a hand, got none in \d frames"):
         pictures_of_film(film([np.full((120, 160, 3), 90, np.uint8)] * 6), hand, lambda _: None, networks=networks)
+
+
+def test_an_upright_film_shows_less_across_at_the_same_angle_along_it():
+    assert usual_fov_deg((1280, 720)) == pytest.approx(65)
+    assert usual_fov_deg((720, 1280)) == pytest.approx(39.43, abs=0.01)  # atan(720 / 1280 * tan(32.5 deg)), twice
 
 
 def test_every_sixth_of_enough_pictures_is_held_out():

@@ -26,7 +26,7 @@ from ...backend.person.person_avatar import person_avatar, shipped_bases
 from ...backend.person.sources import PictureSource, pictured_hand
 from ...backend.records.hand_picture import HandPicture, PicturedHand
 from ..results.collect import DATA, ROOT, keep, source
-from .gates import Gate, number_gates, picture_gates, pose_gates
+from .gates import Gate, number_gates, picture_gates, pose_gates, pose_in_camera
 from .strangers import STRANGERS
 from .truth import Truth, film_fps, read_truth
 
@@ -81,7 +81,8 @@ def _made(film: Path, hand: HandModel, length_m: float) -> tuple[Avatar, Picture
 
 def _of_poses(pictured: PicturedHand, truth: Truth, fps: float, hand: HandModel) -> list[Gate]:
     frames = [round(_seconds(picture) * fps) for picture in pictured.pictures]
-    return pose_gates([picture.pose for picture in pictured.pictures], frames, truth, hand)
+    poses = [pose_in_camera(picture.pose, picture.camera, hand) for picture in pictured.pictures]
+    return pose_gates(poses, frames, truth, hand)
 
 
 def _seconds(picture: HandPicture) -> float:

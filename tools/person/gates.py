@@ -25,6 +25,7 @@ from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.motion.motion import HandMotion
 from ...backend.motion.spaces import rest_wrists, transformed
+from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import HandPose, Shot
 from ...backend.render.renderer import Renderer
@@ -163,13 +164,21 @@ def pose_gates(fitted: Sequence[HandPose], frames: Sequence[int], truth: Truth, 
 
 def poses_in_cameras(truth: Truth, frames: Sequence[int], hand: HandModel) -> list[HandPose]:
     """Move the true poses of some frames into the axes of the cameras that took them."""
-    wrist = rest_wrists(hand, truth.beta)
-    found = []
-    for frame in frames:
-        motion = HandMotion(truth.theta[[frame]], truth.beta, truth.transl[[frame]])
-        moved = transformed(motion, np.linalg.inv(truth.cameras[frame].cam2world), wrist)
-        found.append(replace(moved.pose(0), forearm=truth.forearm[frame]))
-    return found
+    return [
+        pose_in_camera(
+            HandPose(truth.theta[frame], truth.beta, truth.transl[frame], "right", truth.forearm[frame]),
+            truth.cameras[frame],
+            hand,
+        )
+        for frame in frames
+    ]
+
+
+def pose_in_camera(pose: HandPose, camera: Camera, hand: HandModel) -> HandPose:
+    """Move a pose of the world into the axes of a camera."""
+    motion = HandMotion(pose.theta[None], pose.beta, pose.transl[None])
+    moved = transformed(motion, np.linalg.inv(camera.cam2world), rest_wrists(hand, pose.beta))
+    return replace(moved.pose(0), forearm=pose.forearm)
 
 
 def compared(avatar: Avatar, truth: Truth, hand: HandModel, beta: np.ndarray) -> list[SceneFigures]:
