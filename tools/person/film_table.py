@@ -1,8 +1,8 @@
-"""Measure the people of all strangers' films: `python -m livehand.tools.person.film_table FOLDER`.
+"""Measure the people of strangers' films: `python -m livehand.tools.person.film_table FOLDER`.
 
-FOLDER holds what `film.py` and `develop.py` made of each, in a folder of their name. Each becomes a person, with the
-hand's true length and nobody telling the angle of view; the table of docs is written once all four are measured. What
-was measured is kept beside the films.
+FOLDER holds what `film.py --every 3` and `develop.py --every 3` made of each, in a folder of their name, and in
+`stranger2_all` a film of all 72 frames. Each becomes a person, with the hand's true length and nobody telling the angle
+of view; the table of docs is written once all are measured. What was measured is kept beside the films.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from ...backend.person.sources import PictureSource, pictured_hand
 from ...backend.records.hand_picture import HandPicture, PicturedHand
 from ..results.collect import DATA, ROOT, keep, source
 from .gates import Gate, number_gates, picture_gates, pose_gates, pose_in_camera
-from .strangers import STRANGERS
 from .truth import Truth, film_fps, read_truth
 
 FILM, PERSON, FIGURES = "film.mp4", "person.safetensors", "figures.json"
@@ -39,6 +38,7 @@ PEOPLE = {
     "insider": "by numbers alone",
     "stranger1": "mottled, tattoo, scars",
     "stranger2": "light, 500 spots",
+    "stranger2_all": "the same, 72 frames",
     "stranger3": "deep, 120 spots, scars",
 }
 
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Make and measure the people, and write the table if all were measured."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, help="of the films' folders")
-    parser.add_argument("--only", nargs="+", choices=tuple(STRANGERS), default=tuple(PEOPLE), help="(default: all)")
+    parser.add_argument("--only", nargs="+", choices=tuple(PEOPLE), default=tuple(PEOPLE), help="(default: all)")
     args = parser.parse_args(arguments)
     for name in args.only:
         folder = args.folder / name
