@@ -20,7 +20,6 @@ import torch
 from ..records.errors import LiveHandError
 from ..records.hand_picture import PicturedHand
 from ..records.light import Light
-from ..records.shot import HandPose
 from ..surface.albedo_ratio import ratio_steps
 from ..surface.atlas_masks import marks_map
 from ..surface.atlas_texels import AtlasTexels
@@ -227,14 +226,15 @@ def person_of_pictures(
         options = replace(options, rounds=tuple(each._replace(with_flow=False) for each in options.rounds))
     if options.fits_poses:
         hand = with_mean_proportions(hand, bases.nearest(FIRST_MELANIN).hand)
-    sighted = [picture.pose for picture in hand.pictures]
+    if not hand.is_calibrated:
+        hand = replace(hand, pictures=tuple(replace(picture, sighted=picture.pose) for picture in hand.pictures))
     early = replace(options, rounds=(COARSE_ROUND,), finds_lamps=False)
     if not hand.is_calibrated:
         early = replace(early, light_pictures=_EARLY_LIGHT_PICTURES)
     melanin = FIRST_MELANIN
     for index, refits in enumerate(_refits(hand, options)):
         base = shaped(bases.nearest(melanin), hand)
-        round_of = partial(_early_round, base, hand, bases.family, early, refits, sighted, log)
+        round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
         hand, melanin = fitted.fitted(hand), fitted.melanin
     lamps = None
@@ -242,8 +242,8 @@ def person_of_pictures(
         base, of_rounds = shaped(bases.nearest(melanin), hand), replace(options, rounds=rounds)
         made = made_person(base, hand, bases.family, of_rounds, log, lamps)
         if index == 0:
-            hand, sighted = _with_mended_fingers(made, hand, sighted, log)
-        hand = _refitted(made, hand, options.length_m, None, sighted, log)
+            hand = _with_mended_fingers(made, hand, log)
+        hand = _refitted(made, hand, options.length_m, None, log)
         melanin, lamps = made.completed.numbers.melanin, made.lamps
     base = shaped(bases.nearest(melanin), hand)
     return _with_unseen_detail(made_person(base, hand, bases.family, options, log, lamps)), hand
@@ -304,7 +304,6 @@ def _early_round(
     family: ToneFamily,
     options: MakingOptions,
     refits: _Refits,
-    sighted: Sequence[HandPose],
     log: Log,
 ) -> FittedRound:
     made = made_person(base, hand, family, options, log)
@@ -312,7 +311,7 @@ def _early_round(
         if hand.is_calibrated:
             hand = fitted_to_skin(made.model, hand, made.lights)
         else:
-            hand = _refitted(made, hand, options.length_m, longest_px, sighted, log)
+            hand = _refitted(made, hand, options.length_m, longest_px, log)
     return FittedRound.of(hand, made.completed.numbers.melanin)
 
 
@@ -321,21 +320,18 @@ def _refitted(
     hand: PicturedHand,
     length_m: float | None,
     longest_px: int | None,
-    sighted: Sequence[HandPose],
     log: Log,
 ) -> PicturedHand:
-    refit = refitted(made.model, hand.pictures, made.lights, length_m=length_m, longest_px=longest_px, sighted=sighted)
+    refit = refitted(made.model, hand.pictures, made.lights, length_m=length_m, longest_px=longest_px)
     log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
     return replace(hand, pictures=refit.pictures)
 
 
-def _with_mended_fingers(
-    made: MadePerson, hand: PicturedHand, sighted: Sequence[HandPose], log: Log
-) -> tuple[PicturedHand, list[HandPose]]:
+def _with_mended_fingers(made: MadePerson, hand: PicturedHand, log: Log) -> PicturedHand:
     mended, count = without_stray_fingers(made.model, hand.pictures, made.lights)
     log(f"fingers that were bent the wrong way: in {count} pictures")
-    sighted = [pose if new is old else new.pose for pose, old, new in zip(sighted, hand.pictures, mended, strict=True)]
-    return replace(hand, pictures=mended), sighted
+    pairs = zip(mended, hand.pictures, strict=True)
+    return replace(hand, pictures=tuple(new if new is old else replace(new, sighted=new.pose) for new, old in pairs))
 
 
 _EARLY_LIGHT_PICTURES = 4

@@ -34,6 +34,7 @@ class HandPicture:
         log_gain: [3] logarithm of its exposure and white balance over those of the scene's other pictures, if known.
         is_held_out: kept from all fits but that of its own pose, to measure them.
         moment: pictures of one moment show one pose, in one world; None: no other does.
+        sighted: the pose as landmarks gave it, to whose bends fits keep fingers near; None: to those of `pose`.
     """
 
     name: str
@@ -46,6 +47,7 @@ class HandPicture:
     is_held_out: bool = False
     log_gain: tuple[float, float, float] = (0.0, 0.0, 0.0)
     moment: int | None = None
+    sighted: HandPose | None = None
 
     def __post_init__(self):
         width, height = self.camera.size_px

@@ -196,7 +196,7 @@ def size_of(sizes: Mapping[str, float], name: str) -> str:
 
 
 def summary(views: Document, avatars: Document, benchmark: Document, idle: Document) -> list[str]:
-    """Return the README's four rows, linked to the pages that say what they mean.
+    """Return the README's four rows, of the light avatar, linked to the pages that say what they mean.
 
     Times are the benchmark's, unless its machine was busy: then those of the idle machine that was kept.
     """
@@ -204,12 +204,12 @@ def summary(views: Document, avatars: Document, benchmark: Document, idle: Docum
     busy = benchmark["result"]["machine"]["busy"]
     frame, advantage = idle_speed(idle) if busy else measured_speed(benchmark["result"]["sizes"][REFERENCE])
     rows = [
-        [f"[PSNR]({quality}#by-light) on whole hands of all who ship, by light", light_figures(views)],
-        [f"[contrast]({quality}#contrast) of Erik's skin at 1 to 16 mm", contrast_range(avatars["people"]["light"])],
+        [f"[PSNR]({quality}#by-light) on whole hands, by light", light_figures(views)],
+        [f"[contrast]({quality}#contrast) of the skin at 1 to 16 mm", contrast_range(avatars["people"]["light"])],
         [f"[a frame]({speed}#the-run) of {REFERENCE} on the CPU", frame],
         [f"[faster]({speed}#frames) than others", advantage],
     ]
-    return markdown(["against path-traced pictures", NOTHING], rows)
+    return markdown(["the light avatar, against path-traced pictures", NOTHING], rows)
 
 
 def measured_speed(of: Document) -> tuple[str, str]:
@@ -229,7 +229,7 @@ def idle_speed(idle: Document) -> tuple[str, str]:
 
 
 def light_figures(views: Document) -> str:
-    """Return the PSNR on whole hands in each kind of light."""
+    """Return the light avatar's PSNR on whole hands in each kind of light."""
     psnr = {row[0]: row[1].split(" ")[0] for row in views["tables"]["psnr"]["rows"]}
     first, *others = (f"{psnr[kind]} {label}" for kind, label in LIGHTS.items())
     return ", ".join([first.replace(" ", " dB ", 1), *others])

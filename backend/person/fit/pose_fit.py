@@ -41,7 +41,6 @@ def fitted_poses(
     offsets_m: Sequence[np.ndarray],
     fits_shape: bool = True,
     length_m: float | None = None,
-    sighted: Sequence[HandPose] | None = None,
 ) -> list[HandPose]:
     """Fit the pose of each picture, and the shape of all.
 
@@ -52,15 +51,15 @@ def fitted_poses(
         offsets_m: [V, 3] what the person's own shape adds to the posed vertices of each picture.
         fits_shape: move the shape, too.
         length_m: of the hand; None: not known.
-        sighted: poses to whose bends fingers stay near; None: those to begin from.
     """
     first, pose_of = _poses_of(pictures)
     views = _views(hand, pictures, targets, offsets_m, pose_of)
     beta = torch.as_tensor(pictures[0].pose.beta, dtype=torch.float32)
-    start = Unknowns(torch.stack([_unknowns(pictures[index].pose) for index in first]), beta)
+    of_poses = [pictures[index] for index in first]
+    start = Unknowns(torch.stack([_unknowns(picture.pose) for picture in of_poses]), beta)
     length = None if length_m is None else LengthPrior.of(hand, pictures[0].pose.beta, length_m)
-    bends = start.poses if sighted is None else torch.stack([_unknowns(sighted[index]) for index in first])
-    fit = _Fit(views, _Priors(start, bends[:, _BENDS], stiff_turns(hand), length), fits_shape)
+    bends = torch.stack([_unknowns(picture.sighted or picture.pose)[_BENDS] for picture in of_poses])
+    fit = _Fit(views, _Priors(start, bends, stiff_turns(hand), length), fits_shape)
     found = fit.solved(start)
     shape = found.beta.double().numpy()
     poses = [_pose(row, shape) for row in found.poses.double()]

@@ -40,7 +40,6 @@ def refitted(
     on_picture: Callable[[], None] = lambda: None,
     length_m: float | None = None,
     longest_px: int | None = None,
-    sighted: Sequence[HandPose] | None = None,
 ) -> Refit:
     """Fit the poses of all pictures and one shape once, from where they are.
 
@@ -52,7 +51,6 @@ def refitted(
         on_picture: called after each one's flow.
         length_m: of the hand (`hand_size.sized`); None: not known.
         longest_px: side of the pictures in which flow is looked for; None: their own.
-        sighted: as in `fitted_poses`.
     """
 
     def targets_in(picture: HandPicture) -> PoseTargets:
@@ -63,7 +61,7 @@ def refitted(
     targets = parallel_map(targets_in, pictures, on_picture)
     with thread_limit(1):  # operations are small: threads would only wait for each other
         offsets_m = [_offset(model, picture.pose) for picture in pictures]
-        poses = fitted_poses(model.hand, pictures, targets, offsets_m, fits_shape, length_m, sighted)
+        poses = fitted_poses(model.hand, pictures, targets, offsets_m, fits_shape, length_m)
     moved = tuple(replace(picture, pose=pose) for picture, pose in zip(pictures, poses, strict=True))
     flow_px, overlap = (float(np.mean([getattr(each, name) for each in targets])) for name in ("flow_px", "overlap"))
     return Refit(moved, flow_px, overlap)

@@ -164,7 +164,8 @@ def test_fingers_of_which_nothing_is_seen_bend_as_landmarks_told(hand, film):
     is_palm = hand.lbs_weights[:, 0] > 0.9
     palms = [replace_px(each._replace(weight=each.weight * is_palm), each.px) for each in targets]
     told = [replace(pose, theta=0.7 * pose.theta) for pose in true]
-    found = fitted_poses(hand, pictures, palms, _nothing(pictures, hand), fits_shape=False, sighted=told)
+    pictures = [replace(picture, sighted=pose) for picture, pose in zip(pictures, told, strict=True)]
+    found = fitted_poses(hand, pictures, palms, _nothing(pictures, hand), fits_shape=False)
     for pose, wanted, begun in zip(found, told, pictures, strict=True):
         assert np.abs(begun.pose.theta[1:] - wanted.theta[1:]).max() > 0.1
         np.testing.assert_allclose(pose.theta[1:], wanted.theta[1:], atol=0.02)
