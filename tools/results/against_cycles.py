@@ -105,7 +105,7 @@ def tables_of(views: Sequence[MeasuredView], of: Mapping[str, str]) -> dict[str,
     shown = {"source": of}
     by_light = [[kind, *_pair([view for view in views if view.kind == kind])] for kind in sorted_kinds(views)]
     by_light.append(["all", *_pair(views)])
-    people = [name for name in SHIPPED if any(view.person == name for view in views)]
+    people: list[Shipped] = [name for name in SHIPPED if any(view.person == name for view in views)]
     by_person = [_person_row(name, [view for view in views if view.person == name]) for name in people]
     return {
         "psnr": {**shown, "columns": ["hand, dB", "whole", "close-up"], "rows": by_light},
