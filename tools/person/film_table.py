@@ -12,8 +12,12 @@ import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+import torch
 
 from ...backend.avatars.avatar import Avatar
 from ...backend.avatars.file import save_avatar
@@ -21,10 +25,12 @@ from ...backend.hand.measurements import length_and_breadth_m
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.person.fit.hand_size import sized
-from ...backend.person.making import MakingOptions, person_of_pictures
+from ...backend.person.making import Bases, MakingOptions, family_at_base, person_of_pictures
 from ...backend.person.person_avatar import person_avatar, shipped_bases
 from ...backend.person.sources import PictureSource, pictured_hand
 from ...backend.records.hand_picture import HandPicture, PicturedHand
+from ...backend.surface.albedo_ratio import RATIO_ARRAY, ratio_steps
+from ...backend.surface.atlas_texels import AtlasTexels
 from ..results.collect import DATA, ROOT, keep, source
 from .gates import Gate, number_gates, picture_gates, pose_gates, pose_in_camera
 from .truth import Truth, film_fps, read_truth
@@ -68,7 +74,8 @@ def measured(folder: Path, hand: HandModel) -> list[Gate]:
     avatar, pictured = _made(folder / FILM, hand, float(length_and_breadth_m(hand, truth.beta)[0]))
     seconds = time.monotonic() - began_s
     save_avatar(avatar, folder / PERSON)
-    gates = picture_gates(avatar, truth, hand) + number_gates(avatar, truth)
+    gates = picture_gates(avatar, truth, hand, of_numbers_alone(avatar, shipped_bases(hand)))
+    gates += number_gates(avatar, truth)
     return [*gates, *_of_poses(pictured, truth, film_fps(folder), hand), Gate("seconds", seconds)]
 
 
@@ -77,6 +84,17 @@ def _made(film: Path, hand: HandModel, length_m: float) -> tuple[Avatar, Picture
     made, fitted = person_of_pictures(shipped_bases(hand), pictured, MakingOptions(length_m=length_m), _say)
     beta = fitted.pictures[0].pose.beta
     return person_avatar(made, hand, beta, film.parent.name, fitted.side, {"source": fitted.source}), fitted
+
+
+def of_numbers_alone(avatar: Avatar, bases: Bases) -> Avatar:
+    """Return a person as the skin of the family that has their numbers, without anything that pictures showed."""
+    assert avatar.surface is not None
+    person = avatar.surface.person
+    base = next(model for model in bases.models.values() if model.avatar.name == avatar.provenance["base"])
+    texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, len(avatar.surface.arrays[RATIO_ARRAY]))
+    log_ratio = texels.at_texels(bases.family.log_albedo(person.melanin, person.blood) - family_at_base(base))
+    steps = ratio_steps(torch.as_tensor(texels.as_map(log_ratio.astype(np.float32)))).numpy()
+    return replace(avatar, surface=replace(avatar.surface, arrays={**avatar.surface.arrays, RATIO_ARRAY: steps}))
 
 
 def _of_poses(pictured: PicturedHand, truth: Truth, fps: float, hand: HandModel) -> list[Gate]:
@@ -113,6 +131,10 @@ _ROWS: Mapping[str, tuple[str, tuple[str, ...]]] = {
         ("1 true shape, PSNR dB (3: inside the family 31)",),
     ),
     "FLIP": ("{:.3f}", ("1 true shape, FLIP",)),
+    "over the person's numbers alone, in the worst scene, dB": (
+        "{:.1f}",
+        ("1 over numbers alone in the worst scene, dB",),
+    ),
     "in the shape of the film: PSNR, dB": ("{:.1f}", ("2 own shape, PSNR dB",)),
     "overlap of the outlines (IoU)": ("{:.3f}", ("2 own shape, IoU",)),
     "fingertips, wrist, fingers off by": (
