@@ -131,7 +131,7 @@ _ROWS: Mapping[str, tuple[str, tuple[str, ...]]] = {
         ("1 true shape, PSNR dB (3: inside the family 31)",),
     ),
     "FLIP": ("{:.3f}", ("1 true shape, FLIP",)),
-    "over the person's numbers alone, in the worst scene, dB": (
+    "over numbers alone, worst scene, dB": (
         "{:.1f}",
         ("1 over numbers alone in the worst scene, dB",),
     ),

@@ -41,7 +41,7 @@ _PALM = 0, 9  # wrist and the middle finger's knuckle
 _SMOOTH_FRAMES = 1.5
 
 
-class Lens(NamedTuple):
+class CalibratedLens(NamedTuple):
     """A calibrated camera: K, OpenCV's distortion, and world to camera [3, 4]."""
 
     K: np.ndarray
@@ -72,19 +72,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.stdout.write(f"the truth's own jitter, mm/frame^2: {jitter_mm(truth):.2f}\n")
 
 
-def read_lens(folder: Path, index: int) -> Lens:
+def read_lens(folder: Path, index: int) -> CalibratedLens:
     """Read a camera's two files: words name what follows."""
     inner = _numbers((folder / f"c{index}.dat").read_text(encoding="utf-8"))
     outer = _numbers((folder / f"rot_trans_c{index}.dat").read_text(encoding="utf-8").partition("#")[0])
     world2cam = np.concatenate([outer[:9].reshape(3, 3), outer[9:12, None]], 1)
-    return Lens(inner[:9].reshape(3, 3), inner[9:14], world2cam)
+    return CalibratedLens(inner[:9].reshape(3, 3), inner[9:14], world2cam)
 
 
 def _numbers(text: str) -> np.ndarray:
     return np.array([float(word) for word in text.split() if not word.endswith(":")])
 
 
-def _take(film: Path, lens: Lens) -> FilmedTake:
+def _take(film: Path, lens: CalibratedLens) -> FilmedTake:
     video = open_video(film)
     found = track_frames(frames_of_film(video, video.fps), HandTracker(load_networks()))
     fov_deg = degrees(2 * np.arctan(found.size_px[0] / 2 / lens.K[0, 0]))
@@ -109,7 +109,7 @@ def _points_px(take: FilmedTake, side: Side, hand: HandModel) -> tuple[np.ndarra
     return px, rows + int(found.frames[0])
 
 
-def _truth(seen: Sequence[tuple[np.ndarray, np.ndarray]], lenses: Sequence[Lens], like: Path3D) -> Path3D:
+def _truth(seen: Sequence[tuple[np.ndarray, np.ndarray]], lenses: Sequence[CalibratedLens], like: Path3D) -> Path3D:
     """Triangulate what both films show, in metres by the palm's length of a fit, smoothed over time."""
     frames = np.intersect1d(seen[0][1], seen[1][1])
     straight = [straightened(px[np.isin(rows, frames)], lens) for (px, rows), lens in zip(seen, lenses, strict=True)]
@@ -120,7 +120,7 @@ def _truth(seen: Sequence[tuple[np.ndarray, np.ndarray]], lenses: Sequence[Lens]
     return Path3D(gaussian_filter1d(points, _SMOOTH_FRAMES, axis=0), frames)
 
 
-def straightened(px: Float[np.ndarray, "T N 2"], lens: Lens) -> Float[np.ndarray, "T N 2"]:
+def straightened(px: Float[np.ndarray, "T N 2"], lens: CalibratedLens) -> Float[np.ndarray, "T N 2"]:
     """Take a lens' distortion and intrinsics from points."""
     cv2 = load_opencv()
     flat = cv2.undistortPoints(px.reshape(-1, 1, 2), lens.K, lens.distortion)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.tools.person.stereo_gate import (
-    Lens,
+    CalibratedLens,
     Path3D,
     aligned,
     bends_rad,
@@ -35,7 +35,7 @@ def test_a_lens_is_read_with_what_its_words_name(tmp_path):
 def test_a_lens_without_distortion_only_scales():
     cv2 = pytest.importorskip("cv2")
     assert cv2
-    lens = Lens(np.array([[900.0, 0, 350], [0, 910, 355], [0, 0, 1]]), np.zeros(5), np.eye(3, 4))
+    lens = CalibratedLens(np.array([[900.0, 0, 350], [0, 910, 355], [0, 0, 1]]), np.zeros(5), np.eye(3, 4))
     flat = np.random.default_rng(1).uniform(-0.3, 0.3, (2, 5, 2))
     np.testing.assert_allclose(straightened(flat * [900, 910] + [350, 355], lens), flat, atol=1e-9)
 
