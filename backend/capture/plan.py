@@ -101,6 +101,10 @@ class CapturePlan:
         """Tell whether no training view comes from this camera."""
         return index % 5 == 3
 
+    def is_close_up(self, index: int) -> bool:
+        """Tell whether this camera shows a part of the hand."""
+        return index % 2 == 1
+
 
 def _sample_poses(
     rng: np.random.Generator, forearms: np.ndarray, model: HandModel, beta: np.ndarray
@@ -166,7 +170,7 @@ def _sample_cameras(rng: np.random.Generator, plan: CapturePlan, size: float, ha
     cameras = []
     for index, direction in enumerate(_camera_directions(rng, plan)):
         field_of_view_m, below_m, target = WHOLE_HAND_M, 0.0, np.zeros(3)
-        if index % 2 == 1:
+        if plan.is_close_up(index):
             field_of_view_m, target = rng.uniform(*CLOSE_UP_M), rng.normal(0, CLOSE_UP_JITTER_M, 3)
             if has_arm and index % 6 == 5:
                 field_of_view_m, below_m = WRIST_CLOSE_UP_M

@@ -14,6 +14,7 @@ from ...backend.batch.frame_file import is_finished
 from ...backend.capture.capture import (
     Capture,
     CaptureView,
+    Split,
     SurfaceReference,
     index_document,
     save_capture_index,
@@ -68,6 +69,7 @@ def render_capture(
     provenance: dict,
     threads: int | None = None,
     hand: Subject | None = None,
+    split: Split | None = None,
 ) -> Capture:
     """Render the planned views into the folder, skipping images that are already complete.
 
@@ -77,6 +79,7 @@ def render_capture(
         provenance: written to its index.
         threads: of Cycles; None: all.
         hand: None: the default one, in the skin of the plan's person.
+        split: whose views alone the capture has; None: of all.
 
     Raises:
         LiveHandError: the folder holds another capture, or cannot be written.
@@ -84,6 +87,8 @@ def render_capture(
     subject = hand or load_default_hand()
     model = _model_of(subject)
     capture, surface = plan.make(folder, model, provenance), _surface_of(subject, plan.person)
+    if split is not None:
+        capture = replace(capture, views=tuple(capture.of_split(split)))
     if surface is not None:
         capture = replace(capture, surface=SurfaceReference(SURFACE_FILE, surface_sha256(surface)))
     _begin_or_resume(capture, surface)

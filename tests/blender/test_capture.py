@@ -302,6 +302,15 @@ def no_renders(monkeypatch, coarse_surface):
     return requested
 
 
+def test_a_capture_of_one_split_has_its_views_alone(no_renders, tmp_path):
+    plan = replace(TINY, poses=6, cameras=4)
+    capture = render_capture(tmp_path, plan, {"made_by": "test"}, split="test")
+    assert [view.split for view in capture.views] == ["test"]
+    assert no_renders == [capture.views[0].file]
+    with pytest.raises(LiveHandError, match="another capture"):
+        render_capture(tmp_path, plan, {"made_by": "test"}, split="novel_pose")
+
+
 def test_a_tiny_capture_reads_back_and_shows_the_hand(tiny, right_hand):
     capture = load_capture(tiny)
     assert len(capture.views) == 2

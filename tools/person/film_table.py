@@ -31,9 +31,9 @@ from ...backend.person.sources import PictureSource, pictured_hand
 from ...backend.records.hand_picture import HandPicture, PicturedHand
 from ...backend.surface.albedo_ratio import RATIO_ARRAY, ratio_steps
 from ...backend.surface.atlas_texels import AtlasTexels
-from ..results.collect import DATA, ROOT, keep, source
+from ..results.collect import DATA, ROOT, joined, keep, source
 from .gates import Gate, number_gates, picture_gates, pose_gates, pose_in_camera
-from .truth import Truth, film_fps, read_truth
+from .truth import Truth, read_truth
 
 FILM, PERSON, FIGURES = "film.mp4", "person.safetensors", "figures.json"
 _WHAT = (
@@ -60,28 +60,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if not (folder / FIGURES).is_file():
             gates = measured(folder, load_default_hand())
             _say("\n".join([name, *(gate.line() for gate in gates)]))
-            figures = {gate.name: gate.value for gate in gates}
+            figures = {"source": source(_WHAT), "gates": {gate.name: gate.value for gate in gates}}
             (folder / FIGURES).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     paths = {name: args.folder / name / FIGURES for name in PEOPLE}
     if all(path.is_file() for path in paths.values()):
-        figures = {name: json.loads(path.read_text(encoding="utf-8")) for name, path in paths.items()}
-        keep({"tables": {"people": {"source": source(_WHAT), **table_of(figures)}}}, ROOT / DATA / "from_film.json")
+        kept = {name: json.loads(path.read_text(encoding="utf-8")) for name, path in paths.items()}
+        table = table_of({name: one["gates"] for name, one in kept.items()})
+        of = joined([one["source"] for one in kept.values()])
+        keep({"tables": {"people": {"source": of, **table}}}, ROOT / DATA / "from_film.json")
 
 
 def measured(folder: Path, hand: HandModel) -> list[Gate]:
     """Make the person of a film, kept beside it, and measure all that is known to be true."""
-    truth, began_s = read_truth(folder), time.monotonic()
-    avatar, pictured = _made(folder / FILM, hand, float(length_and_breadth_m(hand, truth.beta)[0]))
+    truth, bases, began_s = read_truth(folder), shipped_bases(hand), time.monotonic()
+    avatar, pictured = _made(folder / FILM, hand, bases, float(length_and_breadth_m(hand, truth.beta)[0]))
     seconds = time.monotonic() - began_s
     save_avatar(avatar, folder / PERSON)
-    gates = picture_gates(avatar, truth, hand, of_numbers_alone(avatar, shipped_bases(hand)))
+    gates = picture_gates(avatar, truth, hand, of_numbers_alone(avatar, bases))
     gates += number_gates(avatar, truth)
-    return [*gates, *_of_poses(pictured, truth, film_fps(folder), hand), Gate("seconds", seconds)]
+    return [*gates, *_of_poses(pictured, truth, hand), Gate("seconds", seconds)]
 
 
-def _made(film: Path, hand: HandModel, length_m: float) -> tuple[Avatar, PicturedHand]:
+def _made(film: Path, hand: HandModel, bases: Bases, length_m: float) -> tuple[Avatar, PicturedHand]:
     pictured = sized(pictured_hand(PictureSource(film), hand, _say), hand, length_m)
-    made, fitted = person_of_pictures(shipped_bases(hand), pictured, MakingOptions(length_m=length_m), _say)
+    made, fitted = person_of_pictures(bases, pictured, MakingOptions(length_m=length_m), _say)
     beta = fitted.pictures[0].pose.beta
     return person_avatar(made, hand, beta, film.parent.name, fitted.side, {"source": fitted.source}), fitted
 
@@ -97,8 +99,8 @@ def of_numbers_alone(avatar: Avatar, bases: Bases) -> Avatar:
     return replace(avatar, surface=replace(avatar.surface, arrays={**avatar.surface.arrays, RATIO_ARRAY: steps}))
 
 
-def _of_poses(pictured: PicturedHand, truth: Truth, fps: float, hand: HandModel) -> list[Gate]:
-    frames = [round(_seconds(picture) * fps) for picture in pictured.pictures]
+def _of_poses(pictured: PicturedHand, truth: Truth, hand: HandModel) -> list[Gate]:
+    frames = [round(_seconds(picture) * truth.fps) for picture in pictured.pictures]
     poses = [pose_in_camera(picture.pose, picture.camera, hand) for picture in pictured.pictures]
     return pose_gates(poses, frames, truth, hand)
 

@@ -34,6 +34,7 @@ class Truth:
         gains: [T, 3] by which the camera multiplied linear colours.
         log_factor: [A, A, 3] logarithm of the factor on albedo; the row of the smallest v first.
         drawn: [A, A] bool: tattoos and scars of the back, and what is around them.
+        fps: frames of the film a second.
     """
 
     folder: Path
@@ -46,6 +47,7 @@ class Truth:
     gains: np.ndarray
     log_factor: np.ndarray
     drawn: np.ndarray
+    fps: float
 
     def scenes(self, hand: HandModel, beta: np.ndarray) -> list[Shot]:
         """Pose the kept scenes with a shape [10]."""
@@ -109,13 +111,8 @@ def read_truth(folder: Path) -> Truth:
         cameras = tuple(Camera(K, cam2world, (width, height)) for K, cam2world in placed)
         own = {name: arrays[name] for name in ("theta", "beta", "transl", "forearm", "gains", "drawn")}
         factor = arrays["log_factor"].astype(np.float32)
-        return Truth(folder, float(arrays["melanin"]), cameras=cameras, log_factor=factor, **own)
-
-
-def film_fps(folder: Path) -> float:
-    """Read the rate of a folder's film."""
-    with np.load(folder / TRUTH_FILE) as arrays:
-        return float(arrays["fps"])
+        melanin, fps = float(arrays["melanin"]), float(arrays["fps"])
+        return Truth(folder, melanin, cameras=cameras, log_factor=factor, fps=fps, **own)
 
 
 def read_rgba(path: Path) -> np.ndarray:

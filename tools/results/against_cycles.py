@@ -21,7 +21,6 @@ import torch
 from ...backend.avatars.file import load_avatar
 from ...backend.avatars.library import PERSONS, SHIPPED, SKINS, Shipped, shipped_avatar_path
 from ...backend.avatars.worn_textures import worn_textures
-from ...backend.capture.capture import Capture, save_capture_index
 from ...backend.capture.plan import CapturePlan
 from ...backend.capture.varied_light import HELD_OUT_KINDS
 from ...backend.evaluation.distances import fetched_lpips_distances
@@ -30,9 +29,10 @@ from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.render.renderer import Renderer
 from ...livehand_blender.capture.dressed_hand import DressedHand
-from ...livehand_blender.capture.render import Subject, is_complete, render_views
-from .collect import DATA, ROOT, keep, source
+from ...livehand_blender.capture.render import render_capture
+from .collect import DATA, ROOT, joined, keep, source
 
+_DOCUMENT = DATA / "against_cycles.json"
 _FIRST_SEED = 700
 _PLAN = CapturePlan(poses=44, eval_views=4, lights="varied")
 _FIGURES = ("psnr_hand", "psnr_full", "ssim_hand", "flip", "lpips")
@@ -63,12 +63,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         path = _figures_path(args.folder, name)
         if not path.is_file():
             found = _measured(name, hand, args.folder / name, args.threads)
-            path.write_text(json.dumps([view._asdict() for view in found], indent=1) + "\n", encoding="utf-8")
+            kept = {"source": source(_WHAT), "views": [view._asdict() for view in found]}
+            path.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
     paths = [_figures_path(args.folder, name) for name in SHIPPED]
     if all(path.is_file() for path in paths):
-        views = [MeasuredView(**row) for path in paths for row in json.loads(path.read_text(encoding="utf-8"))]
-        keep({"tables": tables_of(views, source(_WHAT))}, ROOT / DATA / "views.json")
-        sys.stdout.write(f"written: {DATA / 'views.json'}\n")
+        of_people = [json.loads(path.read_text(encoding="utf-8")) for path in paths]
+        views = [MeasuredView(**row) for one in of_people for row in one["views"]]
+        keep({"tables": tables_of(views, joined([one["source"] for one in of_people]))}, ROOT / _DOCUMENT)
+        sys.stdout.write(f"written: {_DOCUMENT}\n")
 
 
 def _figures_path(folder: Path, name: str) -> Path:
@@ -79,25 +81,16 @@ def _measured(name: Shipped, hand: HandModel, folder: Path, threads: int | None)
     avatar, seed = load_avatar(shipped_avatar_path(name)), _FIRST_SEED + SHIPPED.index(name)
     assert avatar.surface is not None
     subject = hand if name in SKINS else DressedHand(hand, worn_textures(avatar, hand))
-    capture = _rendered(subject, replace(_PLAN, person=avatar.surface.person, seed=seed), hand, folder, threads)
+    plan = replace(_PLAN, person=avatar.surface.person, seed=seed)
+    capture = render_capture(folder, plan, {"plan": plan.facts()}, threads, subject, "test")
     lpips = fetched_lpips_distances("alexnet", torch.device("cpu"))[:1]
     scored = [view.score for view in scored_views(Renderer(avatar, hand, "cpu"), capture, capture.views, lpips)]
     return [
-        MeasuredView(name, str(one.light_kind), one.camera_index % 2 == 1, {key: one.figures[key] for key in _FIGURES})
+        MeasuredView(
+            name, str(one.light_kind), plan.is_close_up(one.camera_index), {key: one.figures[key] for key in _FIGURES}
+        )
         for one in scored
     ]
-
-
-def _rendered(subject: Subject, plan: CapturePlan, hand: HandModel, folder: Path, threads: int | None) -> Capture:
-    """Render the views of poses and cameras that a training would hold out."""
-    planned = plan.make(folder, hand, {"plan": plan.facts()})
-    capture = replace(planned, views=tuple(planned.of_split("test")))
-    folder.mkdir(parents=True, exist_ok=True)
-    save_capture_index(capture)
-    missing = [view for view in capture.views if not is_complete(folder / view.file, view)]
-    if missing:
-        render_views(capture, missing, plan, subject, threads)
-    return capture
 
 
 def tables_of(views: Sequence[MeasuredView], of: Mapping[str, str]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -159,6 +159,13 @@ def source(what: str) -> dict[str, str]:
         ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
     )
     return {"what": what, "date": datetime.now(UTC).date().isoformat(), "commit": commit.stdout.strip()}
+
+
+def joined(sources: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Return where figures of several runs are from: the last one's words and day, and each commit once."""
+    commits = dict.fromkeys(one["commit"] for one in sources)
+    last = max(sources, key=lambda one: one["date"])
+    return {**last, "commit": ", ".join(commits)}
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from livehand.tools.person.gates import (
     resized,
 )
 from livehand.tools.person.measures import PictureFigures
-from livehand.tools.person.script import FRAMES, film_cameras, film_motion, kept_scenes
+from livehand.tools.person.script import FPS, FRAMES, film_cameras, film_motion, kept_scenes
 from livehand.tools.person.truth import Truth
 
 pytestmark = pytest.mark.slow
@@ -47,7 +47,7 @@ def truth(hand):
     drawn = np.zeros((512, 512), bool)
     drawn[100:400, 100:400] = True
     cameras = tuple(film_cameras())
-    given = motion.theta, BETA, motion.transl, motion.forearms.copy(), cameras, np.ones((FRAMES, 3)), factor, drawn
+    given = motion.theta, BETA, motion.transl, motion.forearms.copy(), cameras, np.ones((FRAMES, 3)), factor, drawn, FPS
     return Truth(Path(), 0.5, *given)
 
 

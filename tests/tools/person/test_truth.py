@@ -24,6 +24,7 @@ def test_what_is_written_is_read_for_every_third_frame(tmp_path):
     assert truth.drawn.sum() == 8
     with np.load(tmp_path / "truth.npz") as arrays:
         assert arrays["fps"] == pytest.approx(FPS / 3)
+    assert truth.fps == pytest.approx(FPS / 3)
 
 
 def test_pictures_are_in_the_order_of_their_numbers(tmp_path):

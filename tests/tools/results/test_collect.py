@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 from livehand.backend.avatars.library import shipped_avatar_path
-from livehand.tools.results.collect import describe, keep, recorded_cases, run, trainings_of
+from livehand.tools.results.collect import describe, joined, keep, recorded_cases, run, trainings_of
 
 PERSON = {"melanin": 0.42, "beta": [0.0, -1.0]}
 
@@ -57,6 +57,12 @@ def test_the_same_figures_of_another_day_change_no_file(tmp_path):
     assert json.loads(path.read_text())["source"] == {"date": "2026-11-28"}
     assert keep({"source": {"date": "2026-11-29"}, "people": {"light": 2}}, path)
     assert json.loads(path.read_text()) == {"source": {"date": "2026-11-29"}, "people": {"light": 2}}
+
+
+def test_figures_of_several_commits_name_each_once():
+    runs = [("2026-11-30", "b"), ("2026-11-29", "a"), ("2026-11-30", "b")]
+    sources = [{"what": "x", "date": date, "commit": commit} for date, commit in runs]
+    assert joined(sources) == {"what": "x", "date": "2026-11-30", "commit": "b, a"}
 
 
 def test_what_tests_recorded_is_read_from_their_report():
