@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 
 import numpy as np
 import torch
+from scipy.sparse import csr_array
 
 from ..capture.masks.mask import load_opencv
 from ..records.hand_picture import HAND, HandPicture, PicturedHand
+from ..records.shot import HandPose
+from ..surface.detail_mesh import SubdivisionLevel
 from ..system.parallel_map import parallel_map
 from ..system.thread_limits import thread_limit
 from .lit_model.flow import bilinear, flow_between, local_contrast, nearest
@@ -21,7 +25,7 @@ from .lit_model.illumination import Illumination, encoded_colours
 from .lit_model.model import PersonModel
 from .rig.landmark_pose import LandmarkTargets
 from .rig.outline_fit import RigFit, ViewOutlines
-from .rig.outlines import OutlineTree, outline_of_mask, sure_pixels
+from .rig.outlines import OutlinedGeometry, OutlineTree, outline_of_mask, sure_pixels
 from .rig.rig_cameras import turned
 from .rig.rig_hands import RigHands
 from .rig.shape_offsets import OffsetFit, VertexTargets, fitted_offsets
@@ -54,7 +58,7 @@ def fitted_to_skin(model: PersonModel, hand: PicturedHand, lights: Mapping[int, 
             _outlines(pictures),
             _no_landmarks(),
             held_out,
-            _FlowTargets(model, pictures, lights, hands),
+            _RenderedHand(model, pictures, lights, hands),
             torch.as_tensor(model.offset_m, dtype=torch.float32)[None],
         )
     pose, turns = hands.poses(found.fit.parameters)["right"], found.fit.turns.double().numpy()
@@ -66,25 +70,47 @@ def fitted_to_skin(model: PersonModel, hand: PicturedHand, lights: Mapping[int, 
 
 
 @dataclass(frozen=True)
-class _FlowTargets:
-    """Where pictures show the vertices of a hand whose skin is known; called with hands and cameras as they are."""
+class _RenderedHand:
+    """The skin of the person so far, by flow to the pictures and by its surface."""
 
     model: PersonModel
     pictures: tuple[HandPicture, ...]
     lights: Mapping[int, Illumination]
     hands: RigHands
 
-    def __call__(self, state: OffsetFit) -> list[VertexTargets]:
-        pose = self.hands.poses(state.fit.parameters)["right"]
-        model = self.model.with_offset(state.offset_m[0].double().numpy())
+    def targets(self, state: OffsetFit) -> list[VertexTargets]:
+        """Find where pictures that are not held out show the vertices."""
+        pose, model = self._at(state)
         turns = state.fit.turns.double().numpy()
 
-        def targets(row: int) -> VertexTargets:
+        def in_view(row: int) -> VertexTargets:
             picture = self.pictures[row]
             moved = replace(picture, pose=pose, camera=turned(picture.camera, turns[row]))
             return _vertex_targets(model, moved, row, self.lights)
 
-        return parallel_map(targets, [row for row, each in enumerate(self.pictures) if not each.is_held_out])
+        return parallel_map(in_view, [row for row, each in enumerate(self.pictures) if not each.is_held_out])
+
+    def surface(self, state: OffsetFit) -> OutlinedGeometry:
+        """Pose the surface that is rendered, which lies outside the mesh: a finger of it is a fiftieth wider."""
+        pose, model = self._at(state)
+        template, sums = model.template, self._sums
+        is_arm = torch.as_tensor(sums @ self.hands.arm.numpy().astype(float) > 0)
+        vertices = model.posed(pose).vertices.double().numpy()
+        return OutlinedGeometry(vertices, template.faces, is_arm[template.faces].any(1), sums)
+
+    def _at(self, state: OffsetFit) -> tuple[HandPose, PersonModel]:
+        pose = self.hands.poses(state.fit.parameters)["right"]
+        return pose, self.model.with_offset(state.offset_m[0].double().numpy())
+
+    @cached_property
+    def _sums(self) -> csr_array:
+        """[N, V]: of the mesh's vertices, those of the surface without its relief."""
+        levels = self.model.template.levels
+        return reduce(lambda coarse, level: level @ coarse, [_matrix(level) for level in levels])
+
+
+def _matrix(level: SubdivisionLevel) -> csr_array:
+    return csr_array((level.weight.double().numpy(), (level.row.numpy(), level.column.numpy())))
 
 
 def _vertex_targets(

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ...records.camera import Camera
 from .landmark_pose import LandmarkTargets
-from .outlines import OutlineTree, PairedViews, outline_of, outline_pairs
+from .outlines import OutlinedGeometry, OutlineTree, PairedViews, outline_of, outline_pairs
 from .rig_cameras import RigCameras, turn_costs, turned
 from .rig_hands import HandParameters, RigHands
 from .view_masks import FREE
@@ -91,6 +91,7 @@ def with_turned_cameras(
     targets: LandmarkTargets,
     rows: Collection[int],
     offset: Tensor | None = None,
+    surface: OutlinedGeometry | None = None,
 ) -> RigFit:
     """Turn the cameras of these rows to their outlines and landmarks; the hands and the cameras' zooms rest."""
     stacked, rows = RigCameras.of(cameras), sorted(rows)
@@ -98,7 +99,7 @@ def with_turned_cameras(
     with torch.no_grad():
         shown = hands.show(fit.parameters, offset)
     for number in range(HELD_OUT_ROUNDS if rows else 0):
-        pairs = paired(fit, hands, cameras, outlines, rows, reach_mm(number), offset)
+        pairs = paired(fit, hands, cameras, outlines, rows, reach_mm(number), offset, surface=surface)
         turns = fit.turns.clone().requires_grad_()
         optimizer = torch.optim.Adam([turns], lr=_RATES[-1], betas=(0.9, 0.98))
         for step in range(_STEPS):
@@ -129,16 +130,21 @@ def paired(
     reach: float,
     offset: Tensor | None = None,
     arm_reach: float = 0.6,
+    surface: OutlinedGeometry | None = None,
 ) -> PairedViews:
-    """Pair the outlines of the posed hands with those of the pictures in these rows, at most `reach` mm apart."""
+    """Pair the outlines of the posed hands with those of the pictures in these rows, at most `reach` mm apart.
+
+    The hands' surface is that of their meshes, or the finer one that is given.
+    """
     with torch.no_grad():
-        vertices = hands.show(fit.parameters, offset).all_vertices.double().numpy()
+        vertices = hands.show(fit.parameters, offset).all_vertices
+    surface = surface or OutlinedGeometry.of_meshes(vertices.double().numpy(), hands)
     found = []
     for row in rows:
         camera = turned(cameras[row], fit.turns[row].double().numpy())
         view = (camera, row, outlines.trees[row], outlines.px_per_mm[row])
-        found.append(outline_pairs(vertices, hands, *view, reach, arm_reach, _EVERY))
-    return PairedViews.of(found, len(vertices))
+        found.append(outline_pairs(surface, *view, reach, arm_reach, _EVERY))
+    return PairedViews.of(found, surface, vertices)
 
 
 def picture_loss(

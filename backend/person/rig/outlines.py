@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import gaussian_filter, sobel
+from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 from torch import Tensor
 
@@ -132,8 +133,29 @@ class OutlineTree:
         return distance, self._outline.px[index], self._outline.normal[index]
 
 
+class OutlinedGeometry(NamedTuple):
+    """The surface of posed hands that views show: their meshes, or a finer one that moves with them.
+
+    Attributes:
+        vertices: [N, 3] m, world.
+        faces: [M, 3].
+        arm_faces: [M] bool, which have a vertex of the forearm.
+        sums: [N, V]: vertices move as these sums of the meshes' do; None: they are the meshes'.
+    """
+
+    vertices: Float[np.ndarray, "N 3"]
+    faces: Tensor
+    arm_faces: Tensor
+    sums: csr_array | None = None
+
+    @classmethod
+    def of_meshes(cls, vertices: Float[np.ndarray, "V 3"], hands: RigHands) -> OutlinedGeometry:
+        """Take the meshes of all hands, vertices m, world."""
+        return cls(vertices, hands.faces, hands.arm_faces)
+
+
 class OutlinePairs(NamedTuple):
-    """P points of a mesh's outline in one view, and where the picture has it.
+    """P points of a surface's outline in one view, and where the picture has it.
 
     Attributes:
         view: row of the view.
@@ -158,33 +180,58 @@ class OutlinePairs(NamedTuple):
 
 
 class PairedViews(NamedTuple):
-    """The pairs of all views, and one sparse matrix [all their P, V] that takes vertices to their points."""
+    """The pairs of all views, and how their points follow the meshes' vertices.
+
+    Attributes:
+        views: that have pairs.
+        matrix: sparse [all their P, V] that takes the meshes' vertices near their points.
+        beside: [all their P, 3] m, world, from there to the points.
+    """
 
     views: tuple[OutlinePairs, ...]
     matrix: Tensor
+    beside: Tensor
 
     @classmethod
-    def of(cls, views: Sequence[OutlinePairs], vertex_count: int) -> PairedViews:
-        """Stack the pairs of several views; views without any are left out."""
+    def of(
+        cls, views: Sequence[OutlinePairs], surface: OutlinedGeometry, vertices: Float[Tensor, "V 3"]
+    ) -> PairedViews:
+        """Stack the pairs of several views; views without any are left out.
+
+        Args:
+            views: pairs of the surface's points.
+            surface: as it is.
+            vertices: of the meshes, m, world.
+        """
         views = tuple(part for part in views if len(part.px))
         total = sum(len(part.px) for part in views)
-        index, values = torch.zeros(2, 0, dtype=torch.long), torch.zeros(0)
-        if views:
-            row = torch.arange(total).repeat_interleave(3)
-            index = torch.stack([row, torch.cat([part.corners for part in views]).flatten()])
-            values = torch.cat([part.weights for part in views]).flatten()
-        return cls(
-            views, torch.sparse_coo_tensor(index, values, (total, vertex_count), check_invariants=True).coalesce()
+        values, columns = (
+            np.concatenate([np.zeros((0, 3)), *(getattr(part, name).numpy() for part in views)]).ravel()
+            for name in ("weights", "corners")
         )
+        entries = values, (np.repeat(np.arange(total), 3), columns.astype(int))
+        matrix = csr_array(entries, shape=(total, len(surface.vertices)))
+        if surface.sums is None:
+            return cls(views, _sparse(matrix), torch.zeros(total, 3))
+        points, matrix = matrix @ surface.vertices, matrix @ surface.sums
+        beside = torch.as_tensor(points - matrix @ vertices.double().numpy(), dtype=torch.float32)
+        return cls(views, _sparse(matrix), beside)
 
     def points(self, vertices: Float[Tensor, "V 3"]) -> list[Tensor]:
         """Find the outlines' points [P, 3] of each view, m."""
-        return list(torch.sparse.mm(self.matrix, vertices).split([len(part.px) for part in self.views]))
+        points = torch.sparse.mm(self.matrix, vertices) + self.beside
+        return list(points.split([len(part.px) for part in self.views]))
+
+
+def _sparse(matrix: csr_array) -> Tensor:
+    entries = matrix.tocoo()
+    index = torch.as_tensor(np.stack([entries.row, entries.col]).astype(np.int64))
+    values = torch.as_tensor(entries.data, dtype=torch.float32)
+    return torch.sparse_coo_tensor(index, values, matrix.shape, check_invariants=True).coalesce()
 
 
 def outline_pairs(
-    vertices: Float[np.ndarray, "V 3"],
-    hands: RigHands,
+    surface: OutlinedGeometry,
     camera: Camera,
     view: int,
     tree: OutlineTree,
@@ -196,8 +243,7 @@ def outline_pairs(
     """Pair the outline of posed hands with a picture's.
 
     Args:
-        vertices: of all hands, m, world.
-        hands: their faces.
+        surface: of all hands.
         camera: of the view.
         view: its row.
         tree: of the picture's outline.
@@ -206,13 +252,13 @@ def outline_pairs(
         arm_reach: the share of it that counts for the forearm, whose sleeve is another outline.
         every: how many pixels of the outline share a pair.
     """
-    covered = covered_pixels(vertices, hands.faces, camera)
+    covered = covered_pixels(surface.vertices, surface.faces, camera)
     outline = Outline(*(part[::every] for part in outline_of(covered.face != NONE)))
     face = covered.face[outline.row, outline.column]
     distance, px, normal = tree.nearest(outline)
-    reach_px = reach_mm * px_per_mm * np.where(hands.arm_faces.numpy()[face], arm_reach, 1.0)
-    corners = hands.faces.numpy()[face]
-    weights = _screen_barycentrics(camera.project(vertices[corners])[0], outline.px)
+    reach_px = reach_mm * px_per_mm * np.where(surface.arm_faces.numpy()[face], arm_reach, 1.0)
+    corners = surface.faces.numpy()[face]
+    weights = _screen_barycentrics(camera.project(surface.vertices[corners])[0], outline.px)
     keeps = (distance < reach_px) & (np.abs(weights).max(1, initial=0) < _LARGEST_WEIGHT)
     tensors = (torch.as_tensor(part[keeps], dtype=torch.float32) for part in (weights, px, normal))
     return OutlinePairs(view, px_per_mm, torch.as_tensor(corners[keeps]), *tensors)

@@ -8,7 +8,7 @@ targets in the pictures, such as the flow from the person's own rendered skin to
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -18,17 +18,19 @@ from torch import Tensor
 from ...records.camera import Camera
 from .landmark_pose import LandmarkTargets
 from .outline_fit import RigFit, ViewOutlines, paired, picture_loss, with_turned_cameras
+from .outlines import OutlinedGeometry
 from .rig_cameras import RigCameras
 from .rig_hands import HandParameters, RigHands
 
-ROUNDS = 2
+ROUNDS = 3
 _STEPS = 120
 _REACH_MM = 7.0
 _ACROSS_MM = 1.5
 _RATES = (0.004, 0.02, 0.0005, 0.005, 0.0003, 0.0002)  # of theta, beta, transl, forearm, offsets and turns
 _LAST_RATE = 0.1
-_THETA_WEIGHT, _BETA_WEIGHT, _FOREARM_WEIGHT = 2.0, 0.02, 3.0
-_SMOOTH_WEIGHT, _SMALL_WEIGHT, _ARM_WEIGHT = 40.0, 0.05, 5.0  # of square millimetres, means over the vertices
+_THETA_WEIGHT, _BETA_WEIGHT, _FOREARM_WEIGHT = 0.3, 0.02, 3.0
+_SMALL_WEIGHT, _ARM_WEIGHT = 0.05, 5.0  # of square millimetres, means over the vertices
+_SMOOTH_WEIGHT, _SMOOTH_WEIGHT_OF_TARGETS = 4.0, 1.0  # too; outlines alone tell nothing of what lies between them
 _TURN_RAD, _TURN_WEIGHT = 0.0015, 0.3
 _TARGET_MM, _TARGET_WEIGHT, _FEW = 1.5, 4.0, 40.0  # of given targets; a view with fewer weighs less
 
@@ -60,8 +62,17 @@ class OffsetFit(NamedTuple):
     offset_m: Tensor
 
 
-TargetsOf = Callable[[OffsetFit], Sequence[VertexTargets]]
-"""Finds targets of vertices for hands and cameras as they are before a round."""
+@runtime_checkable
+class HandAppearance(Protocol):
+    """How a person looks, which hands and cameras follow as they are before a round."""
+
+    def targets(self, state: OffsetFit) -> Sequence[VertexTargets]:
+        """Find where the pictures have visible vertices."""
+        ...
+
+    def surface(self, state: OffsetFit) -> OutlinedGeometry | None:
+        """Pose the surface that has the outlines; None: the meshes have them."""
+        ...
 
 
 def fitted_offsets(
@@ -71,7 +82,7 @@ def fitted_offsets(
     outlines: ViewOutlines,
     targets: LandmarkTargets,
     held_out: Collection[int] = (),
-    vertex_targets: TargetsOf | None = None,
+    appearance: HandAppearance | None = None,
     offset_m: Float[Tensor, "S V"] | None = None,
     rounds: int = ROUNDS,
 ) -> OffsetFit:
@@ -84,28 +95,30 @@ def fitted_offsets(
         outlines: of the pictures.
         targets: the landmarks of the pictures, which turn held-out cameras.
         held_out: rows of views that may not move the hands.
-        vertex_targets: None: outlines alone.
+        appearance: None: the outlines of the meshes alone.
         offset_m: to start with; None: zeros.
         rounds: of pairs.
     """
     stacked, rows = RigCameras.of(cameras), [row for row in range(len(cameras)) if row not in held_out]
-    laplacian = _laplacian(hands)
+    smooth, laplacian = _SMOOTH_WEIGHT if appearance is None else _SMOOTH_WEIGHT_OF_TARGETS, _laplacian(hands)
     zeros = torch.zeros(len(hands.sides), len(hands.arm))
     state = OffsetFit(start, zeros if offset_m is None else offset_m)
     for _ in range(rounds):
-        given = () if vertex_targets is None else vertex_targets(state)
+        given = () if appearance is None else appearance.targets(state)
+        surface = None if appearance is None else appearance.surface(state)
         normals = hands.posed_normals(state.fit.parameters)
         offset = normals * state.offset_m[..., None]
-        pairs = paired(state.fit, hands, cameras, outlines, rows, _REACH_MM, offset, arm_reach=0.0)
+        pairs = paired(state.fit, hands, cameras, outlines, rows, _REACH_MM, offset, 0.0, surface)
 
         def picture(parameters: HandParameters, offset_m: Tensor, turns: Tensor) -> Tensor:
             shown = hands.show(parameters, normals * offset_m[..., None])  # noqa: B023
             loss = picture_loss(shown.all_vertices, shown.landmarks, turns, stacked, pairs, None, _ACROSS_MM)  # noqa: B023
             return loss + _target_loss(shown.vertices, turns, stacked, given)  # noqa: B023
 
-        state = _moved(state, start, picture, laplacian, hands.skin.arm_weights)
+        state = _moved(state, start, picture, smooth, laplacian, hands.skin.arm_weights)
     offset = hands.posed_normals(state.fit.parameters) * state.offset_m[..., None]
-    fit = with_turned_cameras(state.fit, hands, cameras, outlines, targets, held_out, offset)
+    surface = None if appearance is None else appearance.surface(state)
+    fit = with_turned_cameras(state.fit, hands, cameras, outlines, targets, held_out, offset, surface)
     return state._replace(fit=fit)
 
 
@@ -113,6 +126,7 @@ def _moved(
     state: OffsetFit,
     start: RigFit,
     picture: Callable[[HandParameters, Tensor, Tensor], Tensor],
+    smooth: float,
     laplacian: Tensor,
     arm_weights: Tensor,
 ) -> OffsetFit:
@@ -126,7 +140,7 @@ def _moved(
         loss = picture(HandParameters(theta, beta, transl, forearm), offset_m, turns)
         loss = loss + _THETA_WEIGHT * ((theta - first.theta)[:, 1:] ** 2).sum() + _BETA_WEIGHT * (beta**2).sum()
         loss = loss + _FOREARM_WEIGHT * ((forearm - first.forearm) ** 2).sum()
-        loss = loss + _offset_prior(offset_m, laplacian, arm_weights)
+        loss = loss + _offset_cost(offset_m, smooth, laplacian, arm_weights)
         loss = loss + _TURN_WEIGHT * (((turns - start.turns) / _TURN_RAD) ** 2).sum(1).mean()
         optimizer.zero_grad()
         loss.backward()
@@ -135,9 +149,9 @@ def _moved(
     return OffsetFit(RigFit(HandParameters(*parameters), turns), offset_m)
 
 
-def _offset_prior(offset_m: Tensor, laplacian: Tensor, arm_weights: Tensor) -> Tensor:
+def _offset_cost(offset_m: Tensor, smooth: float, laplacian: Tensor, arm_weights: Tensor) -> Tensor:
     offset_mm = offset_m.T * 1000  # [V, S]
-    rough = _SMOOTH_WEIGHT * (torch.sparse.mm(laplacian, offset_mm) ** 2).mean(0)
+    rough = smooth * (torch.sparse.mm(laplacian, offset_mm) ** 2).mean(0)
     arm = _ARM_WEIGHT * ((offset_mm * arm_weights[:, None]) ** 2).mean(0)
     return (rough + _SMALL_WEIGHT * (offset_mm**2).mean(0) + arm).sum()
 

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 import torch
+from livehand.backend.geometry.loop import loop_step
 from livehand.backend.person.rig.outlines import (
     NONE,
+    OutlinedGeometry,
     OutlineTree,
     PairedViews,
     covered_pixels,
@@ -12,6 +14,8 @@ from livehand.backend.person.rig.outlines import (
     outline_pairs,
 )
 from livehand.backend.person.rig.rig_cameras import RigCameras
+from livehand.backend.surface.detail_mesh import SubdivisionLevel
+from scipy.sparse import csr_array
 
 
 def disc(radius=30.0, size=100):
@@ -65,10 +69,11 @@ def test_pairs_measure_by_how_much_a_picture_is_moved(made_rig):
     hands, camera, scale = made_rig.hands, made_rig.cameras[1], 0.9
     skin = covered_pixels(made_rig.vertices, hands.faces, camera).face != NONE
     moved = np.roll(skin, 3, 1)
-    pairs = outline_pairs(made_rig.vertices, hands, camera, 1, OutlineTree(outline_of(moved), scale), scale, 8.0)
+    surface = OutlinedGeometry.of_meshes(made_rig.vertices, hands)
+    pairs = outline_pairs(surface, camera, 1, OutlineTree(outline_of(moved), scale), scale, 8.0)
     stacked = RigCameras.of(made_rig.cameras)
     vertices = torch.as_tensor(made_rig.vertices, dtype=torch.float32)
-    (points,) = PairedViews.of([pairs], len(vertices)).points(vertices)
+    (points,) = PairedViews.of([pairs], surface, vertices).points(vertices)
     px = stacked.project(points, 1, torch.zeros(4))[0]
     across, along = pairs.off_mm(px)
     facing = pairs.normal[:, 0].abs() > 0.9
@@ -82,6 +87,26 @@ def test_pairs_beyond_their_reach_are_none(made_rig):
     hands, camera = made_rig.hands, made_rig.cameras[1]
     skin = covered_pixels(made_rig.vertices, hands.faces, camera).face != NONE
     tree = OutlineTree(outline_of(np.roll(skin, 12, 1)), 1.0)
-    near, far = (outline_pairs(made_rig.vertices, hands, camera, 1, tree, 1.0, reach) for reach in (3.0, 30.0))
+    surface = OutlinedGeometry.of_meshes(made_rig.vertices, hands)
+    near, far = (outline_pairs(surface, camera, 1, tree, 1.0, reach) for reach in (3.0, 30.0))
     assert len(near.px) < len(far.px)
-    assert PairedViews.of([near._replace(px=near.px[:0])], 10).views == ()
+    vertices = torch.as_tensor(made_rig.vertices, dtype=torch.float32)
+    assert PairedViews.of([near._replace(px=near.px[:0])], surface, vertices).views == ()
+
+
+def test_points_of_a_finer_surface_follow_the_meshes(made_rig):
+    hands, camera = made_rig.hands, made_rig.cameras[1]
+    vertices = torch.as_tensor(made_rig.vertices, dtype=torch.float32)
+    step = loop_step(hands.faces.numpy(), len(vertices))
+    level, faces = SubdivisionLevel.of(step), torch.as_tensor(step.faces)
+    beside = 0.001 * torch.randn(step.vertex_count, 3, generator=torch.Generator().manual_seed(0))
+    finer = (level(vertices) + beside).double().numpy()
+    sums = csr_array((step.value, (step.row, step.column)))
+    surface = OutlinedGeometry(finer, faces, torch.zeros(len(faces), dtype=torch.bool), sums)
+    skin = covered_pixels(finer, faces, camera).face != NONE
+    pairs = outline_pairs(surface, camera, 1, OutlineTree(outline_of(skin), 1.0), 1.0, 8.0)
+    moved = vertices + 0.002 * torch.sin(100 * vertices)
+    (points,) = PairedViews.of([pairs], surface, vertices).points(moved)
+    expected = ((level(moved) + beside)[pairs.corners] * pairs.weights[..., None]).sum(1)
+    assert len(pairs.px) > 100
+    torch.testing.assert_close(points, expected, atol=1e-6, rtol=0)

@@ -55,13 +55,17 @@ def test_targets_of_visible_vertices_move_them(made_rig, swollen):
     truth[0, palm] = 0.003
     shown = hands.show(fit.parameters, hands.posed_normals(fit.parameters) * truth[..., None])
 
-    def given(state):
-        rows = range(8)
-        px = [stacked.project(shown.vertices[0, palm], row, torch.zeros(4))[0] for row in rows]
-        sure = torch.ones(len(palm))
-        return [VertexTargets(0, row, palm, at, sure, SCALE) for row, at in zip(rows, px, strict=True)]
+    class Targets:
+        def targets(self, state):
+            rows = range(8)
+            px = [stacked.project(shown.vertices[0, palm], row, torch.zeros(4))[0] for row in rows]
+            sure = torch.ones(len(palm))
+            return [VertexTargets(0, row, palm, at, sure, SCALE) for row, at in zip(rows, px, strict=True)]
+
+        def surface(self, state):
+            return None
 
     outlines = ViewOutlines.of([np.zeros((320, 400), np.uint8)] * 8, [SCALE] * 8)  # none
-    found = fitted_offsets(fit, hands, made_rig.cameras, outlines, targets_of(made_rig), (), given)
+    found = fitted_offsets(fit, hands, made_rig.cameras, outlines, targets_of(made_rig), (), Targets())
     assert 1000 * found.offset_m[0, palm].mean() == pytest.approx(3.0, abs=1.2)
     assert 1000 * found.offset_m[1].abs().max() < 0.1
