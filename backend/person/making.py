@@ -30,7 +30,7 @@ from .albedo.agreement import GatheredRatio
 from .albedo.completion import CompletedRatio, completed_ratio, with_unseen_detail
 from .albedo.gathering import gathered_ratio
 from .fit.hand_size import with_mean_proportions
-from .fit.refit import refitted
+from .fit.refit import made_smaller, refitted
 from .fit.stray_fingers import without_stray_fingers
 from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lit_model.illumination import (
@@ -60,15 +60,18 @@ class RoundOptions(NamedTuple):
         pictures: that are gathered, at most.
         with_flow: as in `gathered_ratio`: harmful before the texture is the person's.
         levels: as in `gathered_ratio`.
+        longest_px: side to which pictures are made smaller; None: their own.
     """
 
     resolution: int = 1024
     pictures: int = 36
     with_flow: bool = True
     levels: bool = False
+    longest_px: int | None = None
 
 
-COARSE_ROUND = RoundOptions(512, 16, with_flow=False)
+_SMALL_PX = 420
+COARSE_ROUND = RoundOptions(512, 16, with_flow=False, longest_px=_SMALL_PX)
 """Brings a skin so near that light and flow find the rest."""
 LATER_ROUNDS = ((COARSE_ROUND,), (COARSE_ROUND, RoundOptions(512, 16)))
 """Before the later fits of poses, the last of which needs texture."""
@@ -159,7 +162,7 @@ def made_person(
             skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
         lights = {scene: _light(tone, skin.melanin) for scene, tone in tones.items()}
         model = base.with_ratio(_steps(texels, skin.log_ratio))
-        pictures = evenly_chosen(shown, of_round.pictures)
+        pictures = [made_smaller(each, of_round.longest_px) for each in evenly_chosen(shown, of_round.pictures)]
         gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, of_round.with_flow, of_round.levels)
         _check_seen(gathered)
         completed = completed_ratio(texels, gathered, family, base_log_albedo, skin.melanin, options.kept_low)
@@ -243,7 +246,7 @@ def person_of_pictures(
         made = made_person(base, hand, bases.family, of_rounds, log, lamps)
         if index == 0:
             hand = _with_mended_fingers(made, hand, log)
-        hand = _refitted(made, hand, options.length_m, None, log)
+        hand = _refitted(made, hand, options.length_m, _LATER_REFITS[index], log)
         melanin, lamps = made.completed.numbers.melanin, made.lamps
     base = shaped(bases.nearest(melanin), hand)
     return _with_unseen_detail(made_person(base, hand, bases.family, options, log, lamps)), hand
@@ -337,7 +340,8 @@ def _with_mended_fingers(made: MadePerson, hand: PicturedHand, log: Log) -> Pict
 _EARLY_LIGHT_PICTURES = 4
 _Refits = tuple[int | None, ...]
 """The longer side of the pictures, px, in each fit of poses; None: their own. The first need nothing fine."""
-_EARLY_REFITS, _CALIBRATED_REFITS = ((520, 520),), ((None,),)
+_EARLY_REFITS, _CALIBRATED_REFITS = ((_SMALL_PX, _SMALL_PX),), ((None, None),)
+_LATER_REFITS: _Refits = (_SMALL_PX, None)
 
 
 def shaped(model: PersonModel, hand: PicturedHand) -> PersonModel:

@@ -46,9 +46,9 @@ class AtlasTexels:
         weights = _barycentric(corner_px.reshape(-1, 3, 2).numpy()[face].astype(np.float64), centre)
         return cls(resolution, pixel, face, weights.astype(np.float32), faces.numpy())
 
-    def at_texels(self, values: np.ndarray) -> np.ndarray:
-        """Interpolate values [N, C] of vertices at the texels [T, C]."""
-        return np.einsum("tkc,tk->tc", values[self.corners], self.weights)
+    def at_texels(self, values: np.ndarray, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Interpolate values [N, C] of vertices at the texels [T, C], or at the chosen ones of them."""
+        return np.einsum("tkc,tk->tc", values[self.corners[chosen]], self.weights[chosen])
 
     def at_vertices(self, values: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Average values [T, C] at the vertices [N, C], and add up their weights [T] there [N]."""

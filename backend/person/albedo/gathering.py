@@ -17,6 +17,7 @@ from ...capture.masks.mask import load_opencv
 from ...geometry.tolerances import NEAR_M
 from ...records.hand_picture import HAND, UNKNOWN, HandPicture
 from ...surface.atlas_texels import AtlasTexels
+from ...surface.detail_mesh import DetailMesh
 from ...system.parallel_map import parallel_map
 from ..lit_model.flow import bilinear, flow_between, nearest
 from ..lit_model.illumination import Illumination, encoded_colours, linear_colours
@@ -117,18 +118,27 @@ class _ProjectedTexels(NamedTuple):
     def of(
         cls, texels: AtlasTexels, seen: GeometryMaps, picture: HandPicture, usual_px_per_mm: float
     ) -> _ProjectedTexels:
-        camera = picture.camera
-        position = texels.at_texels(seen.mesh.vertices.numpy())
-        normal = texels.at_texels(seen.mesh.normals.numpy())
+        camera, mesh = picture.camera, seen.mesh
+        near = np.flatnonzero(_turned_to(camera.origin, mesh)[texels.face])
+        position, normal = (texels.at_texels(each.numpy(), near) for each in (mesh.vertices, mesh.normals))
         away = position - camera.origin.astype(np.float32)
-        px, depth = camera.project(position)
+        near_px, depth = camera.project(position)
         facing = -(normal * away).sum(1) / (np.linalg.norm(normal, axis=1) * np.linalg.norm(away, axis=1))
         nearer, is_inner = _depth_edges(seen)
-        is_visible = (depth > NEAR_M) & (facing > _LEAST_FACING) & (depth < nearest(nearer, px) + _BEHIND_M)
-        is_visible &= bilinear(is_inner, px) > 0.95
+        is_visible = (depth > NEAR_M) & (facing > _LEAST_FACING) & (depth < nearest(nearer, near_px) + _BEHIND_M)
+        is_visible &= bilinear(is_inner, near_px) > 0.95
         px_per_mm = camera.K[0, 0] / np.maximum(depth, NEAR_M) / 1000
         weight = is_visible * facing.clip(0) * np.minimum(px_per_mm / usual_px_per_mm, _MOST_FINER)
-        return cls(px.astype(np.float32), weight.astype(np.float32) ** _FOOTPRINT_POWER)
+        px, weights = np.zeros((len(texels.pixel), 2), np.float32), np.zeros(len(texels.pixel), np.float32)
+        px[near], weights[near] = near_px, weight.astype(np.float32) ** _FOOTPRINT_POWER
+        return cls(px, weights)
+
+
+def _turned_to(origin: np.ndarray, mesh: DetailMesh) -> np.ndarray:
+    """Find the faces [M] of which a corner may be seen from a point."""
+    away, normal = mesh.vertices.numpy() - origin.astype(np.float32), mesh.normals.numpy()
+    is_turned = -(normal * away).sum(1) > 0.5 * _LEAST_FACING * np.linalg.norm(away, axis=1)
+    return is_turned[mesh.faces.numpy()].any(1)
 
 
 def _px_per_mm(picture: HandPicture) -> float:

@@ -54,7 +54,7 @@ def refitted(
     """
 
     def targets_in(picture: HandPicture) -> PoseTargets:
-        small = picture if longest_px is None else made_smaller(picture, longest_px)
+        small = made_smaller(picture, longest_px)
         larger_by = np.divide(picture.camera.size_px, small.camera.size_px)
         return pose_targets(model, small, lights[picture.scene]).enlarged(larger_by)
 
@@ -67,11 +67,12 @@ def refitted(
     return Refit(moved, flow_px, overlap)
 
 
-def made_smaller(picture: HandPicture, longest_px: int) -> HandPicture:
-    """Return a picture whose sides are no longer than this."""
-    factor = longest_px / max(picture.camera.size_px)
-    if factor >= 1:
+def made_smaller(picture: HandPicture, longest_px: int | None) -> HandPicture:
+    """Return a picture whose sides are no longer than this; None: the picture itself."""
+    longest_now_px = max(picture.camera.size_px)
+    if longest_px is None or longest_px >= longest_now_px:
         return picture
+    factor = longest_px / longest_now_px
     cv2, camera = load_opencv(), picture.camera.scaled(factor)
     rgb = cv2.resize(picture.rgb, camera.size_px, interpolation=cv2.INTER_AREA)
     labels = cv2.resize(picture.labels, camera.size_px, interpolation=cv2.INTER_NEAREST)

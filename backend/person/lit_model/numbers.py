@@ -79,6 +79,7 @@ def fitted_numbers(family: ToneFamily, log_albedo: np.ndarray, weight: np.ndarra
 
 _MEAN_DEVIATION = 0.02
 _MELANINS = np.linspace(0, 1.2, 13)
+"""Of which every other one is tried first."""
 
 
 class PixelTones(NamedTuple):
@@ -105,8 +106,15 @@ def fitted_melanin(scenes: Sequence[PixelTones]) -> float:
     def error(melanin: float) -> float:
         return float(np.mean([fitted_light(one.pixels, one.ratio(melanin)).error for one in scenes]))
 
-    errors = np.array(parallel_map(error, _MELANINS.tolist()))
-    best = int(errors.argmin())
+    errors = np.full(len(_MELANINS), np.inf)
+
+    def measure(chosen: Sequence[int]) -> int:
+        rows = list(chosen)
+        errors[rows] = parallel_map(error, _MELANINS[rows].tolist())
+        return int(errors.argmin())
+
+    coarse = measure(range(0, len(_MELANINS), 2))
+    best = measure([beside for beside in (coarse - 1, coarse + 1) if 0 <= beside < len(_MELANINS)])
     if best in (0, len(_MELANINS) - 1):
         return float(_MELANINS[best])
     below, least, above = errors[best - 1 : best + 2]
