@@ -42,7 +42,7 @@ TABLES: dict[str, Callable[[Documents], list[str]]] = {
     "contrast": lambda of: tables.contrast(of["avatars"]),
     "zips": lambda of: tables.zips(of["release"]),
     "round_trips": lambda of: tables.round_trips(of["round_trips"]),
-    "summary": lambda of: tables.summary(of["views"], of["avatars"], of["benchmark"], of["idle"]),
+    "summary": lambda of: tables.summary(of["against_cycles"], of["avatars"], of["benchmark"], of["idle"]),
 }
 
 

@@ -170,7 +170,7 @@ def test_what_rigs_lose_counts_as_a_share_of_what_they_may_lose(monkeypatch):
 
 def test_every_table_is_measured_again_or_listed_with_what_made_it():
     listed = list(by_hand(read_documents(ROOT / DATA)))
-    assert any(line.startswith("views.psnr: `livehand evaluate`") for line in listed)
+    assert any(line.startswith("against_cycles.psnr: `python -m livehand.tools") for line in listed)
     assert not any(line.startswith(("idle.", "zips", "summary", "people")) for line in listed)
 
 
