@@ -55,12 +55,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("folder", type=Path, help="of the films' folders")
     parser.add_argument("--only", nargs="+", choices=tuple(PEOPLE), default=tuple(PEOPLE), help="(default: all)")
     args = parser.parse_args(arguments)
+    origin = source(_WHAT)  # before a long run, in which others may commit
     for name in args.only:
         folder = args.folder / name
         if not (folder / FIGURES).is_file():
             gates = measured(folder, load_default_hand())
             _say("\n".join([name, *(gate.line() for gate in gates)]))
-            figures = {"source": source(_WHAT), "gates": {gate.name: gate.value for gate in gates}}
+            figures = {"source": origin, "gates": {gate.name: gate.value for gate in gates}}
             (folder / FIGURES).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     paths = {name: args.folder / name / FIGURES for name in PEOPLE}
     if all(path.is_file() for path in paths.values()):

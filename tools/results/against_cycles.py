@@ -58,12 +58,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--only", nargs="+", choices=SHIPPED, default=SHIPPED, help="avatars (default: all)")
     parser.add_argument("--threads", type=int, help="of Cycles (default: all)")
     args = parser.parse_args(arguments)
-    hand = load_default_hand()
+    hand, origin = load_default_hand(), source(_WHAT)  # before a long run, in which others may commit
     for name in args.only:
         path = _figures_path(args.folder, name)
         if not path.is_file():
             found = _measured(name, hand, args.folder / name, args.threads)
-            kept = {"source": source(_WHAT), "views": [view._asdict() for view in found]}
+            kept = {"source": origin, "views": [view._asdict() for view in found]}
             path.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
     paths = [_figures_path(args.folder, name) for name in SHIPPED]
     if all(path.is_file() for path in paths):
