@@ -103,19 +103,21 @@ def nearest_inside(is_inside: np.ndarray) -> np.ndarray:
     twice, after which hardly a texel has its second nearest.
     """
     size = len(is_inside)
-    row, column = np.mgrid[:size, :size].astype(np.int32)
+    row, column = (axis.astype(np.int32) for axis in np.ogrid[:size, :size])
     far = 2 * size  # farther than any texel is from another
-    nearest = np.stack([np.where(is_inside, row, -far), np.where(is_inside, column, -far)])
+    nearest_row, nearest_column = np.where(is_inside, row, -far), np.where(is_inside, column, -far)
+    distance = (nearest_row - row) ** 2 + (nearest_column - column) ** 2
     step = 1 << max(size - 1, 1).bit_length() - 1
     jumps = [step >> level for level in range(step.bit_length())]
     for jump in (*jumps, 2, 1):
         for down, right in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
             here, there = _shifted(down * jump, right * jump)
-            mine, theirs = nearest[:, *here], nearest[:, *there]
-            at = np.stack([row[here], column[here]])
-            is_nearer = ((theirs - at) ** 2).sum(0) < ((mine - at) ** 2).sum(0)
-            nearest[:, *here] = np.where(is_nearer, theirs, mine)
-    return nearest
+            theirs = (nearest_row[there] - row[here[0]]) ** 2 + (nearest_column[there] - column[:, here[1]]) ** 2
+            is_nearer = theirs < distance[here]
+            np.copyto(distance[here], theirs, where=is_nearer)
+            for known in (nearest_row, nearest_column):
+                np.copyto(known[here], known[there], where=is_nearer)
+    return np.stack([nearest_row, nearest_column])
 
 
 def _shifted(down: int, right: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:

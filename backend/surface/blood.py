@@ -22,7 +22,7 @@ from .detail_mesh import DetailMesh, DetailTemplate, PixelSurface, barycentric, 
 
 BLOOD_LOG_ALBEDO = (-0.03, -0.38, -0.58)
 """By which blood of 1 more, the mean of people, changes the logarithm of albedo."""
-PLACE_LOG_ALBEDO, PIGMENTED_LOG_ALBEDO = (-0.03, -0.40, -0.43), (0.0, 0.02, -0.16)
+PLACE_LOG_ALBEDO, PIGMENTED_LOG_ALBEDO = (-0.03, -0.40, -0.32), (0.0, 0.02, -0.16)
 """The same of blood in places, which is less yellow; and what pigment of 1 adds: it is brown, not magenta."""
 DRAINS, DRAIN_STEP = "drains", 0.01
 """The array of the blood that makes joints red at rest, and what a step of it is worth."""

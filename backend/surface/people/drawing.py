@@ -40,7 +40,6 @@ _COARSER = 4  # texels of the fine maps that make one of the coarse, along each 
 _MOST_ALBEDO = 0.92
 _VEINS, _HAIR = 31, 32  # purposes of random numbers
 _HAIR_STEP = 1 / 32
-_FURROW_SHADE = -0.09  # of fine pigment in the furrows between cells
 
 
 class AtlasSizes(NamedTuple):
@@ -96,7 +95,7 @@ def _relief_arrays(template: DetailTemplate, look: PersonLook, resolution: int) 
     for name, values in maps.items():
         for level, band in zip(("fine", "coarse"), bands.split(values), strict=True):
             arrays[f"{level}/{name}"] = _steps(band, steps[name], np.int8)
-    pigment = _steps(bands.split(_FURROW_SHADE * relief.furrow)[0], PIGMENT_STEP, np.int8)
+    pigment = _steps(bands.split(relief.fine_pigment)[0], PIGMENT_STEP, np.int8)
     arrays |= {"fine/pigment_light": pigment, "fine/pigment_deep": pigment}
     arrays["nail"] = _steps(bands.coarse(smoothstep(relief.nail_rim, 0.97, 0.90)), NAIL_STEP, np.int8)
     return arrays

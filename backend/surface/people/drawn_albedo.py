@@ -30,6 +30,8 @@ _NAIL = {
     "seen": np.array([[0.640, 0.465, 0.355], [0.370, 0.232, 0.158]], np.float32),  # flesh through the free edge
     "cuticle": np.array([[0.700, 0.465, 0.370], [0.180, 0.080, 0.045]], np.float32),
 }
+_IN_FOLDS = np.array([-0.28, -0.22, -0.16], np.float32)  # beyond the folds' own colour, which would be orange
+_IN_CREASES = np.array([0.35, 0.5, 0.55], np.float32)  # pigment of the palm of a deep skin gathers there
 _SPOT = np.array([[-0.42, -0.68, -0.80], [-0.55, -0.70, -0.75]], np.float32)  # of a freckle at its darkest
 _PALE = 0.45, 0.97  # of the palm side, over which skin grows pale: pigment reaches round the edges
 _ARM_PALM, _WRIST_MM, _SOFT_WRIST_MM = 0.35, (-26.0, 4.0), (-58.0, 14.0)  # of the chart's palm side; softer
@@ -56,6 +58,7 @@ def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, l
     skin = skin + (_vein(chart, veins) * (1 - 0.75 * min(look.tone, 1.0)))[:, None] * _VEIN
     skin = skin + _spots(chart, look)[:, None] * _mixed_linear(look, _SPOT)
     skin = skin + relief.furrow[:, None] * np.array([-0.10, -0.16, -0.18], np.float32)
+    skin = skin + relief.dorsal[:, None] * _IN_FOLDS - (min(look.tone, 1.0) * relief.palmar)[:, None] * _IN_CREASES
     return _with_nails(chart, relief.nail_rim, noise, look, skin)
 
 
@@ -89,16 +92,16 @@ def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     hollow = bump(np.hypot((d - 48) / 22, (r + 4) / 13), 0.6)
     on_palm = (1 - chart.on_digit) * chart.palm * (1 - chart.arm)
     palm = on_palm * (0.45 * own[2] * thenar + 0.70 * own[3] * ulnar + 0.45 * own[4] * pads - 0.30 * own[5] * hollow)
-    back = _joint_redness(chart, look) + 0.80 * own[7] * tips + 0.22 * own[4] * between
-    fingers = (0.16 + 0.14 * look.tone) * own[8] * chart.on_digit * _dorsal(chart) * smoothstep(joint[:, 0], 2.0, 40.0)
+    back = _joint_redness(chart, look) + 0.42 * own[7] * tips + 0.22 * own[4] * between
+    fingers = (0.27 - 0.04 * look.tone) * own[8] * chart.on_digit * _dorsal(chart) * smoothstep(joint[:, 0], 2.0, 40.0)
     arm = (0.12 + 0.16 * look.tone) * smoothstep(d, 25.0, -25.0) * (1 - chart.palm)
     web = 0.8 * chart.on_digit * (1 - chart.on_digit) * (1 - _dorsal(chart))
     points, tone = chart.points_mm, look.tone * (1 - chart.palm)
     patches = (
-        0.26 * (1 + 1.2 * tone) * noise.smooth(points, 42.0, 1)
-        + 0.15 * (1 + 0.7 * tone) * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
-        + 0.07 * (1 + 0.3 * tone) * noise.smooth(points[:, [2, 0, 1]], 5.0, 2)
-        + 0.04 * chart.palm * noise.smooth(points[:, [0, 2, 1]], 2.2, 2)
+        0.17 * (1 + 1.2 * tone) * noise.smooth(points, 42.0, 1)
+        + 0.175 * (1 + 1.1 * tone) * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
+        + 0.10 * (1 + 0.7 * tone) * noise.smooth(points[:, [2, 0, 1]], 6.0, 2)
+        + (0.10 + 0.03 * chart.palm) * noise.smooth(points[:, [0, 2, 1]], 2.6, 3)
     )
     calm = 1 - 0.65 * smoothstep(d, 42.0, -10.0)
     patches = patches * (1 + (0.1 + 0.5 * look.tone) * chart.palm) * calm - 0.17 - 0.16 * tone
@@ -115,8 +118,8 @@ def _joint_redness(chart: HandChart, look: PersonLook) -> np.ndarray:
     own, joint = _place_strengths(look), chart.from_joint_mm
     on_top = bump(chart.lateral, 8.0) * smoothstep(np.abs(chart.lateral), 9.0, 4.5)
     knuckles = bump(joint[:, 0] - 1, 8.5) * on_top * (1 - chart.palm) * (chart.digit != THUMB)
-    of_joints = 0.62 * own[0] * bump(joint[:, 1], 7.0) + 0.5 * own[1] * bump(joint[:, 2], 5.5)
-    return 0.62 * own[6] * knuckles + chart.on_digit * _dorsal(chart) * of_joints
+    of_joints = 0.38 * own[0] * bump(joint[:, 1], 7.0) + 0.32 * own[1] * bump(joint[:, 2], 5.5)
+    return 0.48 * own[6] * knuckles + chart.on_digit * _dorsal(chart) * of_joints
 
 
 def _dorsal(chart: HandChart) -> np.ndarray:
@@ -145,6 +148,7 @@ def _pigment(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarra
     tone = min(look.tone, 1.0)
     patches = (0.07 + 0.05 * tone) * noise.smooth(chart.points_mm[:, [1, 0, 2]], 11.0, 2)
     patches += 0.05 * tone * noise.smooth(chart.points_mm[:, [2, 1, 0]], 28.0, 2)
+    patches += (0.04 + 0.03 * tone) * noise.smooth(chart.points_mm[:, [0, 2, 1]], 2.4, 2)
     joint = chart.from_joint_mm
     over = chart.on_digit * smoothstep(chart.height, 0.1, 0.7) * (bump(joint[:, 1], 6.0) + 0.6 * bump(joint[:, 2], 4.5))
     return (1 - 0.8 * chart.palm) * ((1 - 0.5 * chart.arm) * patches + (0.05 + 0.34 * tone) * over)
@@ -193,10 +197,10 @@ def _with_nails(chart: HandChart, rim: np.ndarray, noise: SolidNoise, look: Pers
     nail = _with_free_edge(nail, colours, _free_edge_mm(chart, noise, look, at))
     nail = nail + np.float32(0.5 * look.aged) * (0.3 * _YELLOW + np.array([-0.06, -0.06, -0.06], np.float32))
     cuticle = smoothstep(near, 0.90, 0.97) * smoothstep(along, 0.0, -0.5)
-    nail = _towards(nail, colours["cuticle"], 0.35 * cuticle)
-    flesh = skin[at] + (bump(near - 1.12, 0.08) * smoothstep(along, 1.1, 0.7) * 0.35)[:, None] * BLOOD
+    nail = _towards(nail, colours["cuticle"], 0.6 * cuticle)
+    flesh = skin[at] + (bump(near - 1.12, 0.08) * smoothstep(along, 1.1, 0.7) * 0.2)[:, None] * BLOOD
     coloured = skin.copy()
-    coloured[at] = _towards(flesh, nail, smoothstep(near, 1.05, 0.95))
+    coloured[at] = _towards(flesh, nail, smoothstep(near, 1.02, 0.97))
     return coloured
 
 

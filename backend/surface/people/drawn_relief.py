@@ -15,14 +15,15 @@ from .look import PersonLook
 from .skin_lines import PlaneImage, palm_creases, plane
 from .solid_noise import SolidNoise
 
-RIDGE_MM, _RIDGE_DEEP_MM = 0.48, 0.011
+RIDGE_MM, RIDGE_DEEP_MM = 0.48, 0.035
+_RIDGE_PALER, _BESIDE_NAIL = 0.06, 0.3  # logarithms of pigment: of crests, and of the groove around the plate
 _CELL_MM = (0.55, 0.85, 0.85), (1.3, 2.1, 2.1)  # along and across the digits
-_CELL_DEEP_MM = (0.036, 0.030), (0.019, 0.050)  # of the young, and what age adds
+_CELL_DEEP_MM = (0.046, 0.030), (0.034, 0.045)  # of the young, and what age adds
 _HALF_FURROW = 0.16, 0.10  # of a cell
 _PAD_FROM_TIP_MM = 10.0
 _RELIEF, _FOLDS, _PALM = 11, 12, 13  # purposes of random numbers
 _NAIL_EXPONENTS = 2.3, 2.15
-_MINOR_LINES = 45, 70  # of a palm: of the young, and what age adds
+_MINOR_LINES = 120, 80  # of a palm: of the young, and what age adds
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class DrawnRelief:
         dorsal, palmar: depth of folds and creases, 1 at the deepest.
         furrow: how deep in the furrows between cells, 1 at the deepest.
         nail_rim: 1 on the outline of the nail, less inside, more beside.
+        fine_pigment: logarithm of the pigment of what is finer than networks resolve, 0 in the mean of plain skin.
     """
 
     relief_mm: np.ndarray
@@ -41,6 +43,7 @@ class DrawnRelief:
     palmar: np.ndarray
     furrow: np.ndarray
     nail_rim: np.ndarray
+    fine_pigment: np.ndarray
 
 
 class NailShape(NamedTuple):
@@ -68,17 +71,21 @@ def drawn_relief(chart: HandChart, look: PersonLook) -> DrawnRelief:
     rough = smoothstep(nail.rim, 1.05, 1.5)  # the folds of skin around a nail are smooth
     furrow_mm, furrow = (rough * part for part in _furrows(chart, noise, look))
     soft = 0.02 * noise.smooth(chart.points_mm, 2.6, 2)
-    relief = skin * (soft - furrow_mm + _ridges(chart, noise, look)) + _rim_mm(chart, nail)
+    ridges_mm = _ridges(chart, noise, look)
+    relief = skin * (soft - furrow_mm + ridges_mm) + _rim_mm(chart, nail)
     dorsal = rough * _dorsal_folds(chart, noise, look)
-    return DrawnRelief(relief, dorsal, _palmar_creases(chart, creases, look), skin * furrow, nail.rim)
+    speckles = 0.035 * noise.smooth(chart.points_mm[:, [1, 2, 0]], 1.0, 2)
+    beside = bump(nail.rim - 1.005, 0.02) * smoothstep(chart.nail_along, 0.95, 0.7)
+    pigment = skin * (speckles - 0.09 * furrow + _RIDGE_PALER * ridges_mm / RIDGE_DEEP_MM) - _BESIDE_NAIL * beside
+    return DrawnRelief(relief, dorsal, _palmar_creases(chart, creases, look), skin * furrow, nail.rim, pigment)
 
 
 def leather(chart: HandChart, aged: float) -> np.ndarray:
     """Compute how deep [T] cells are by place: knuckles most, the back, least on the phalanges of the young."""
     joint = chart.from_joint_mm
     over_joints = bump(joint[:, 1], 6.0) + bump(joint[:, 2], 4.0) + 0.8 * bump(joint[:, 0], 8.0)
-    of_digit = 0.28 + 0.35 * aged + 0.45 * over_joints.clip(0, 1)
-    back = 0.75 + 0.25 * aged
+    of_digit = 0.42 + 0.3 * aged + 0.4 * over_joints.clip(0, 1)
+    back = 0.85 + 0.15 * aged
     outer = chart.on_digit * of_digit + (1 - chart.on_digit) * back
     return (1 - chart.palm) ** 2 * outer * (1 - 0.45 * chart.arm)
 
@@ -115,8 +122,8 @@ def _ridges(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray
     share = smoothstep(noise.smooth(points[:, [1, 2, 0]], 14.0, 2), -1.2, 0.6)
     place = smoothstep(chart.palm[at], 0.4, 0.9) * (1 - chart.arm[at]) * smoothstep(-plane(points)[:, 0], 2.0, -6.0)
     on_tip = np.where(is_digit, smoothstep(along, -14.0, -4.0), 0)
-    strength = place * (0.35 + 0.65 * on_tip) * (0.25 + 0.75 * share) * (1 - 0.4 * look.aged)
-    height[at] = _RIDGE_DEEP_MM * strength * np.sin(2 * np.pi * level / RIDGE_MM)
+    strength = place * (0.13 + 0.87 * on_tip) * (0.25 + 0.75 * share) * (1 - 0.4 * look.aged)
+    height[at] = RIDGE_DEEP_MM * strength * np.sin(2 * np.pi * level / RIDGE_MM)
     return height
 
 

@@ -54,6 +54,9 @@ def log_albedo_map(albedo: np.ndarray, resolution: int) -> Tensor:
 
 
 def grown(region: HairRegion, look: PersonLook) -> HairRegion:
-    """Return how a person's hairs grow: more and thinner ones than the base's, which are those of its captures."""
-    radius_m = region.radius_m * _THINNER * (1 - 0.2 * look.aged)
+    """Return how a person's hairs grow: more and thinner ones than the base's, which are those of its captures.
+
+    Whose hairs are few has fine ones.
+    """
+    radius_m = region.radius_m * _THINNER * (1 - 0.2 * look.aged) * (0.5 + 0.5 * min(look.hair, 1.0))
     return region._replace(per_m2=region.per_m2 * USUAL_DENSITY * look.hair, radius_m=radius_m)

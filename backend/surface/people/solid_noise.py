@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import torch
+from torch.nn.functional import grid_sample
 
 _SIZE = 64
 _CORNERS = tuple((i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1))
@@ -60,12 +62,14 @@ class SolidNoise:
 
     def smooth(self, points_mm: np.ndarray, wavelength_mm: float, octaves: int = 2) -> np.ndarray:
         """Sample smooth noise [T] of mean 0 and deviation 1 whose longest waves are of this length."""
-        turned, total, squares, share = points_mm @ self.turn, np.zeros(len(points_mm), np.float32), 0.0, 1.0
+        turned, squares, share = torch.from_numpy(points_mm @ self.turn), 0.0, 1.0
+        lattice = torch.from_numpy(np.pad(self.lattice, (0, 1), mode="wrap"))
+        total = turned.new_zeros(len(turned))
         for octave in range(octaves):
-            at = turned * np.float32(2 * 2**octave / wavelength_mm) + self.start + np.float32(17.3 * octave)
-            total += np.float32(share) * (self._interpolated(at) - np.float32(0.5))
+            start = torch.from_numpy(self.start + np.float32(17.3 * octave))
+            total += share * (_interpolated(lattice, turned * (2 * 2**octave / wavelength_mm) + start) - 0.5)
             squares, share = squares + share**2, share * _HALVED
-        return total / np.float32(_DEVIATION * squares**0.5)
+        return (total / (_DEVIATION * squares**0.5)).numpy()
 
     def cells(self, points_mm: np.ndarray, size_mm: tuple[float, float, float]) -> Cells:
         """Find the nearest of points that are scattered so far apart along the axes."""
@@ -84,14 +88,11 @@ class SolidNoise:
             chance[is_nearest] = own[is_nearest][:, [1, 2, 0]]
         return Cells(nearest, second - nearest, chance)
 
-    def _interpolated(self, at: np.ndarray) -> np.ndarray:
-        first = np.floor(at).astype(np.int32)
-        share = at - first
-        share = share * share * share * (share * (share * 6 - 15) + 10)
-        low, high = first & (_SIZE - 1), (first + 1) & (_SIZE - 1)
-        total = np.zeros(len(at), np.float32)
-        for corner in _CORNERS:
-            index = tuple((high if one else low)[:, axis] for axis, one in enumerate(corner))
-            weight = np.prod([share[:, axis] if one else 1 - share[:, axis] for axis, one in enumerate(corner)], 0)
-            total += weight * self.lattice[index]
-        return total
+
+def _interpolated(lattice: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
+    """Interpolate a lattice [65, 65, 65], whose ends are equal, at places [T, 3]; slopes and bends are continuous."""
+    first = at.floor()
+    share = at - first
+    share = share * share * share * (share * (share * 6 - 15) + 10)
+    place = first.remainder_(_SIZE).add_(share).mul_(2 / _SIZE).sub_(1).flip(1)
+    return grid_sample(lattice[None, None], place[None, None, None], mode="bilinear", align_corners=True)[0, 0, 0, 0]

@@ -70,6 +70,13 @@ def test_hair_counts_from_the_usual_of_invented_people(light):
     )
 
 
+def test_whose_hairs_are_few_has_fine_ones():
+    region = next(iter(REGIONS.values()))
+    few, usual, many = (grown(region, PersonLook.of(3, {"hair": hair, "age": 25.0})) for hair in (0.0, 1.0, 2.0))
+    assert few.radius_m == pytest.approx(0.5 * usual.radius_m)
+    assert many.radius_m == usual.radius_m
+
+
 def test_an_age_sets_folds_and_veins_that_are_not_given(light):
     person = adjusted(light, age=80.0, veins=0.1).surface.person
     assert person.folds == pytest.approx(1.6)

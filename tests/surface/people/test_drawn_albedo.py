@@ -33,6 +33,27 @@ def test_red_and_yellow_vary_as_in_photographs(chart, people):
         assert 2.0 < colours(one, palm)[:, 2].std() < 5.5
 
 
+def test_red_varies_from_millimetre_to_millimetre(chart, texels, people):
+    """Skin is mottled, the palm most: what is coarser than 6 mm is no more than twice as strong as that."""
+    for one in people:
+        red = lab(torch.as_tensor(np.exp(one.log_albedo)).double())[:, 1].numpy()
+        fine = high_pass(texels, red)
+        for where in (on_back(chart), on_palm(chart)):
+            assert 0.8 < fine[where].std() < 3
+            assert fine[where].std() > 0.4 * (red - fine)[where].std()
+
+
+@pytest.mark.parametrize(("place", "order"), [("knuckles", 0), ("middle joints", 1)])
+def test_joints_of_a_light_hand_are_little_redder_than_its_back(chart, people, place, order):
+    """By at most 4 more than photographs' ranges, which are of single skins; and no more yellow."""
+    near = (np.abs(chart.from_joint_mm[:, order]) < 4) & (np.abs(chart.lateral) < 4) & (chart.height > 0.6)
+    near &= (chart.digit != THUMB) & ((chart.on_digit > 0.9) == (order > 0))
+    off = np.mean([colours(one, near).mean(0) - colours(one, on_back(chart)).mean(0) for one in people], 0)
+    least, most = LIGHT_SKIN[place].a_star
+    assert least <= off[1] <= most + 4
+    assert off[2] < 2
+
+
 def test_the_back_of_a_light_hand_is_usual(chart, people):
     usual = LIGHT_SKIN["back"]
     mean = np.mean([colours(one, on_back(chart)).mean(0) for one in people], 0)

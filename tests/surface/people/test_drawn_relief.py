@@ -68,3 +68,18 @@ def test_nails_are_smooth_but_for_their_grain(people):
         plate = one.relief.nail_rim < 0.8
         assert np.abs(one.relief.relief_mm[plate]).max() < 0.01
         assert one.relief.dorsal[plate].max() < 1e-3
+
+
+def test_pads_have_ridges_whose_crests_are_paler(chart, texels, people):
+    pad = (chart.palm > 0.95) & (chart.on_digit > 0.9) & (chart.length[chart.digit] - chart.along < 14)
+    for one in people:
+        relief, pigment = (high_pass(texels, of)[pad] for of in (one.relief.relief_mm, one.relief.fine_pigment))
+        assert relief.std() > 0.006
+        assert shared(relief, pigment) > 0.3
+
+
+def test_a_dark_line_goes_round_the_plate_but_not_its_free_end(chart, people):
+    near = (np.abs(people[0].relief.nail_rim - 1.005) < 0.01) & (chart.height > 0.5)
+    for one in people:
+        assert one.relief.fine_pigment[near & (chart.nail_along < 0.5)].mean() < -0.2
+        assert one.relief.fine_pigment[near & (chart.nail_along > 0.97)].mean() > -0.1
