@@ -78,5 +78,12 @@ BASES = "light", "middle", "deep"
 
 
 def shipped_bases(hand: HandModel) -> Bases:
-    """Load them."""
-    return Bases.of(PersonModel.of(load_avatar(shipped_avatar_path(name)), hand) for name in BASES)
+    """Load them, in the colours of their networks: what is drawn on them is nobody else's."""
+    avatars = [load_avatar(shipped_avatar_path(name)) for name in BASES]
+    return Bases.of(PersonModel.of(_in_networks_colours(avatar), hand) for avatar in avatars)
+
+
+def _in_networks_colours(avatar: Avatar) -> Avatar:
+    assert avatar.surface is not None
+    arrays = {name: values for name, values in avatar.surface.arrays.items() if name != RATIO_ARRAY}
+    return replace(avatar, surface=replace(avatar.surface, arrays=arrays))

@@ -1,6 +1,9 @@
-"""Writes the records of the people who ship as numbers (`backend/avatars/drawn_people.py`), with small thumbnails.
+"""Writes the people who ship, with small thumbnails.
 
-python -m livehand.tools.avatars.people FOLDER
+Six are records of numbers (`backend/avatars/drawn_people.py`); the three whose networks were trained get drawn colours
+on the relief that these know.
+
+python -m livehand.tools.avatars.people FOLDER [--only NAME ...]
 """
 
 from __future__ import annotations
@@ -12,10 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ...backend.avatars.file import write_record
-from ...backend.avatars.library import PERSONS, Shipped
+from ...backend.avatars.avatar import Avatar
+from ...backend.avatars.file import load_avatar, save_avatar, write_record
+from ...backend.avatars.library import PERSONS, SHIPPED, Shipped, shipped_avatar_path
+from ...backend.avatars.network_albedo import FIELD_RESOLUTION, network_albedo
+from ...backend.hand.model_file import load_default_hand
 from ...backend.person.invented.command import new_person
+from ...backend.render.thumbnail import with_thumbnail
+from ...backend.surface.people.drawing import AtlasSizes
 from ...backend.surface.people.look import PersonLook
+from ...backend.surface.people.recolouring import recoloured_arrays
 from ...backend.system.command import warn
 
 _THUMBNAIL_PX = 96  # a record is hardly more than its thumbnail
@@ -30,14 +39,44 @@ PEOPLE: Mapping[Shipped, tuple[int, dict[str, float | None]]] = {
 """By name: the seed, and the numbers that are not drawn from it."""
 
 
-def write_people(folder: Path) -> None:
-    """Write a record for each of them; some 25 s each."""
-    for name, (seed, numbers) in PEOPLE.items():
-        look = PersonLook.of(seed, numbers)
-        avatar = new_person(look, PERSONS[name], lambda line: None)
-        assert avatar.thumbnail is not None
-        write_record(replace(avatar, thumbnail=halved(avatar.thumbnail)), look, folder / f"{name}.safetensors")
-        warn(f"{name}: {look.facts()}")
+TRAINED: Mapping[Shipped, tuple[int, dict[str, float | None]]] = {
+    "light": (101, {"age": 34, "tone": 0.0, "build": 0.7, "blood": 1.0, "freckles": 0.5, "nails": 0.8}),
+    "middle": (102, {"age": 29, "tone": 0.42, "build": 0.2, "blood": 1.0, "freckles": 0.2, "nails": 1.2}),
+    "deep": (103, {"age": 58, "tone": 1.0, "build": 0.7, "blood": 1.0, "freckles": 0.3, "nails": 0.8}),
+}
+"""The colours of those whose networks were trained; relief, hair and shape stay those of their captures."""
+
+
+def write_person(name: Shipped, folder: Path) -> None:
+    """Write the file of one of them; some 20 s."""
+    path = folder / f"{name}.safetensors"
+    if name in TRAINED:
+        seed, numbers = TRAINED[name]
+        save_avatar(recoloured(load_avatar(shipped_avatar_path(name)), PersonLook.of(seed, numbers)), path)
+        return
+    seed, numbers = PEOPLE[name]
+    look = PersonLook.of(seed, numbers)
+    avatar = new_person(look, PERSONS[name], lambda line: None)
+    write_record(_with_small_thumbnail(avatar), look, path)
+    warn(f"{name}: {look.facts()}")
+
+
+def recoloured(avatar: Avatar, look: PersonLook) -> Avatar:
+    """Give a trained avatar the colours of a look; its figures stay those of its networks on their own skin."""
+    hand, surface = load_default_hand(), avatar.surface
+    assert surface is not None
+    colours = recoloured_arrays(hand, look, network_albedo(avatar, hand, FIELD_RESOLUTION), AtlasSizes().ratio)
+    coloured = replace(
+        avatar,
+        surface=replace(surface, arrays={**surface.arrays, **colours}),
+        provenance={**avatar.provenance, "recoloured": look.facts()},
+    )
+    return with_thumbnail(coloured, hand)
+
+
+def _with_small_thumbnail(avatar: Avatar) -> Avatar:
+    assert avatar.thumbnail is not None
+    return replace(avatar, thumbnail=halved(avatar.thumbnail))
 
 
 def halved(thumbnail: np.ndarray) -> np.ndarray:
@@ -52,10 +91,13 @@ def halved(thumbnail: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    """Write the records."""
-    parser = argparse.ArgumentParser(description="Write the records of the people who ship as numbers.")
+    """Write the files."""
+    parser = argparse.ArgumentParser(description="Write the people who ship.")
     parser.add_argument("folder", type=Path, help="where to write them")
-    write_people(parser.parse_args().folder)
+    parser.add_argument("--only", nargs="+", choices=SHIPPED, default=SHIPPED, help="avatars (default: all)")
+    args = parser.parse_args()
+    for name in args.only:
+        write_person(name, args.folder)
 
 
 if __name__ == "__main__":

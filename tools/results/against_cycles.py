@@ -1,8 +1,8 @@
 """The people that ship against Cycles, in poses, views and lights that no training saw.
 
-`python -m livehand.tools.results.against_cycles FOLDER` renders each person, measures their avatar on the
-pictures, and writes the tables once all people are there. What is in the folder is kept. Who was trained is shown as in
-training, people of numbers in the surface and the albedo of their avatar.
+`python -m livehand.tools.results.against_cycles FOLDER` renders each person in the surface and the albedo of their
+avatar, measures the avatar on the pictures, and writes the tables once all people are there. What is in the folder is
+kept.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import torch
 
 from ...backend.avatars.file import load_avatar
-from ...backend.avatars.library import PERSONS, SHIPPED, SKINS, Shipped, shipped_avatar_path
+from ...backend.avatars.library import PERSONS, SHIPPED, Shipped, shipped_avatar_path
 from ...backend.avatars.worn_textures import worn_textures
 from ...backend.capture.plan import CapturePlan
 from ...backend.capture.varied_light import HELD_OUT_KINDS
@@ -80,7 +80,7 @@ def _figures_path(folder: Path, name: str) -> Path:
 def _measured(name: Shipped, hand: HandModel, folder: Path, threads: int | None) -> list[MeasuredView]:
     avatar, seed = load_avatar(shipped_avatar_path(name)), _FIRST_SEED + SHIPPED.index(name)
     assert avatar.surface is not None
-    subject = hand if name in SKINS else DressedHand(hand, worn_textures(avatar, hand))
+    subject = DressedHand(hand, worn_textures(avatar, hand))
     plan = replace(_PLAN, person=avatar.surface.person, seed=seed)
     capture = render_capture(folder, plan, {"plan": plan.facts()}, threads, subject, "test")
     lpips = fetched_lpips_distances("alexnet", torch.device("cpu"))[:1]

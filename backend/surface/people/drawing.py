@@ -118,7 +118,7 @@ def _log_albedo(template: DetailTemplate, look: PersonLook, lines: PlaneImage, r
     coarse = _Bands.of(texels).blurred
     dorsal, palmar = coarse(relief.dorsal) * DORSAL_SHADE, coarse(relief.palmar) * PALMAR_SHADE
     smooth = replace(relief, furrow=coarse(relief.furrow))
-    total = drawn_log_albedo(chart, smooth, lines, look) + fold_log_albedo(dorsal, palmar)
+    total = drawn_log_albedo(chart, smooth, lines.at(chart.points_mm), look) + fold_log_albedo(dorsal, palmar)
     return texels.as_map(np.minimum(total, np.log(_MOST_ALBEDO)).astype(np.float32))
 
 

@@ -12,7 +12,7 @@ from ..shading_detail import FOLD_LOG_ALBEDO
 from .drawn_relief import DrawnRelief
 from .hand_chart import THUMB, HandChart, bump, smoothstep
 from .look import PersonLook
-from .skin_lines import PlaneImage, plane
+from .skin_lines import plane
 from .solid_noise import SolidNoise
 
 BLOOD, _THROUGH_PIGMENT = (np.array(colour, np.float32) for colour in (PLACE_LOG_ALBEDO, PIGMENTED_LOG_ALBEDO))
@@ -45,8 +45,15 @@ _HALF_NAIL_MM = np.array([5.5, 6.1, 5.6, 6.0, 7.2], np.float32)  # from its midd
 _BLOOD_PURPOSE, _SPOT_PURPOSE, _NAIL_PURPOSE = 21, 22, 23
 
 
-def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, look: PersonLook) -> np.ndarray:
-    """Draw the logarithm [T, 3] of the albedo, without what is finer than the relief's folds' own shade."""
+def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, vein: np.ndarray, look: PersonLook) -> np.ndarray:
+    """Draw the logarithm [T, 3] of the albedo, without the colour of folds.
+
+    Args:
+        chart: at the texels.
+        relief: there.
+        vein: [T] 1 where veins are highest.
+        look: of the person.
+    """
     noise = SolidNoise.of(look.random(_BLOOD_PURPOSE))
     outer = _mixed(look, _BACK) + chart.arm[:, None] * (_mixed(look, _ARM) - _mixed(look, _BACK))
     palm = 0.9 * (_pale(chart) * (1 - _web(chart)))[:, None]
@@ -55,7 +62,7 @@ def drawn_log_albedo(chart: HandChart, relief: DrawnRelief, veins: PlaneImage, l
     skin = skin + blood[:, None] * BLOOD + _yellow(chart, noise, look)[:, None] * _YELLOW
     brown = blood * (1 - chart.palm) * np.float32(min(look.tone, 1.0))
     skin = skin + brown[:, None] * _THROUGH_PIGMENT + _pigment(chart, noise, look)[:, None] * -_PIGMENT
-    skin = skin + (_vein(chart, veins) * (1 - 0.75 * min(look.tone, 1.0)))[:, None] * _VEIN
+    skin = skin + (_visible_veins(chart, vein) * (1 - 0.75 * min(look.tone, 1.0)))[:, None] * _VEIN
     skin = skin + _spots(chart, look)[:, None] * _mixed_linear(look, _SPOT)
     skin = skin + relief.furrow[:, None] * np.array([-0.10, -0.16, -0.18], np.float32)
     skin = skin + relief.dorsal[:, None] * _IN_FOLDS - (min(look.tone, 1.0) * relief.palmar)[:, None] * _IN_CREASES
@@ -98,9 +105,9 @@ def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     web = 0.8 * chart.on_digit * (1 - chart.on_digit) * (1 - _dorsal(chart))
     points, tone = chart.points_mm, look.tone * (1 - chart.palm)
     patches = (
-        0.17 * (1 + 1.2 * tone) * noise.smooth(points, 42.0, 1)
-        + 0.175 * (1 + 1.1 * tone) * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
-        + 0.10 * (1 + 0.7 * tone) * noise.smooth(points[:, [2, 0, 1]], 6.0, 2)
+        0.17 * (1 + 0.9 * tone) * noise.smooth(points, 42.0, 1)
+        + 0.19 * (1 + 0.5 * tone) * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
+        + 0.10 * (1 + 0.3 * tone) * noise.smooth(points[:, [2, 0, 1]], 6.0, 2)
         + (0.10 + 0.03 * chart.palm) * noise.smooth(points[:, [0, 2, 1]], 2.6, 3)
     )
     calm = 1 - 0.65 * smoothstep(d, 42.0, -10.0)
@@ -146,18 +153,18 @@ def _yellow(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray
 def _pigment(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     """Compute how much more pigment [T]: soft patches, darker joints; half as much on the arm, and none in the palm."""
     tone = min(look.tone, 1.0)
-    patches = (0.07 + 0.05 * tone) * noise.smooth(chart.points_mm[:, [1, 0, 2]], 11.0, 2)
-    patches += 0.05 * tone * noise.smooth(chart.points_mm[:, [2, 1, 0]], 28.0, 2)
+    patches = (0.07 + 0.08 * tone) * noise.smooth(chart.points_mm[:, [1, 0, 2]], 11.0, 2)
+    patches += 0.07 * tone * noise.smooth(chart.points_mm[:, [2, 1, 0]], 28.0, 2)
     patches += (0.04 + 0.03 * tone) * noise.smooth(chart.points_mm[:, [0, 2, 1]], 2.4, 2)
     joint = chart.from_joint_mm
     over = chart.on_digit * smoothstep(chart.height, 0.1, 0.7) * (bump(joint[:, 1], 6.0) + 0.6 * bump(joint[:, 2], 4.5))
     return (1 - 0.8 * chart.palm) * ((1 - 0.5 * chart.arm) * patches + (0.05 + 0.34 * tone) * over)
 
 
-def _vein(chart: HandChart, veins: PlaneImage) -> np.ndarray:
+def _visible_veins(chart: HandChart, vein: np.ndarray) -> np.ndarray:
     up = smoothstep(chart.normals[:, 1], 0.05, 0.5) * (1 - chart.on_digit)
     down = 0.6 * smoothstep(-chart.normals[:, 1], 0.2, 0.7) * smoothstep(-plane(chart.points_mm)[:, 0], -4.0, 8.0)
-    return veins.at(chart.points_mm) * np.maximum(up, down)
+    return vein * np.maximum(up, down)
 
 
 def _spots(chart: HandChart, look: PersonLook) -> np.ndarray:

@@ -18,11 +18,12 @@ from .solid_noise import SolidNoise
 RIDGE_MM, RIDGE_DEEP_MM = 0.48, 0.035
 _RIDGE_PALER, _BESIDE_NAIL = 0.06, 0.3  # logarithms of pigment: of crests, and of the groove around the plate
 _CELL_MM = (0.55, 0.85, 0.85), (1.3, 2.1, 2.1)  # along and across the digits
-_CELL_DEEP_MM = (0.046, 0.030), (0.034, 0.045)  # of the young, and what age adds
+_CELL_DEEP_MM = (0.056, 0.030), (0.046, 0.045)  # of the young, and what age adds
 _HALF_FURROW = 0.16, 0.10  # of a cell
 _PAD_FROM_TIP_MM = 10.0
 _RELIEF, _FOLDS, _PALM = 11, 12, 13  # purposes of random numbers
-_NAIL_EXPONENTS = 2.3, 2.15
+NAIL_EXPONENTS, BASE_NAIL_EXPONENTS = (2.3, 2.15), (3.6, 2.7)
+"""Of a nail's outline across and along: of people who are drawn, and of the base."""
 _MINOR_LINES = 120, 80  # of a palm: of the young, and what age adds
 
 
@@ -53,10 +54,10 @@ class NailShape(NamedTuple):
     inside: np.ndarray
 
 
-def nail_shape(chart: HandChart) -> NailShape:
+def nail_shape(chart: HandChart, exponents: tuple[float, float] = NAIL_EXPONENTS) -> NailShape:
     """Compute where nails are: with round corners, and rounder roots than ends."""
     across, along = np.abs(chart.nail_across), np.abs(chart.nail_along)
-    a, b = _NAIL_EXPONENTS
+    a, b = exponents
     rim = (np.minimum(across, 4) ** a + np.minimum(along, 4) ** b) ** (2 / (a + b))
     on_back = chart.on_digit * smoothstep(chart.height, 0.3, 0.5)
     rim = np.where(on_back > 0, rim, 4).astype(np.float32)
@@ -77,7 +78,7 @@ def drawn_relief(chart: HandChart, look: PersonLook) -> DrawnRelief:
     speckles = 0.035 * noise.smooth(chart.points_mm[:, [1, 2, 0]], 1.0, 2)
     beside = bump(nail.rim - 1.005, 0.02) * smoothstep(chart.nail_along, 0.95, 0.7)
     pigment = skin * (speckles - 0.09 * furrow + _RIDGE_PALER * ridges_mm / RIDGE_DEEP_MM) - _BESIDE_NAIL * beside
-    return DrawnRelief(relief, dorsal, _palmar_creases(chart, creases, look), skin * furrow, nail.rim, pigment)
+    return DrawnRelief(relief, dorsal, _palmar_creases(chart, creases, noise, look), skin * furrow, nail.rim, pigment)
 
 
 def leather(chart: HandChart, aged: float) -> np.ndarray:
@@ -151,13 +152,14 @@ def _dorsal_folds(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.n
     return total.clip(0, 1.2) * (0.8 + 0.2 * look.aged)
 
 
-def _palmar_creases(chart: HandChart, lines: PlaneImage, look: PersonLook) -> np.ndarray:
+def _palmar_creases(chart: HandChart, lines: PlaneImage, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     """Draw the creases [T]: of palm and wrist from their image, and across the digits where they fold."""
     random = look.random(_PALM + 100)
     down = smoothstep(chart.palm, 0.3, 0.6) * smoothstep(-chart.normals[:, 1], 0.0, 0.35)
     down = np.maximum(down, smoothstep(chart.arm, 0.0, 0.01) * smoothstep(-chart.normals[:, 1], 0.1, 0.5))
     total = (1 - chart.on_digit) * down * lines.at(chart.points_mm)
-    below = smoothstep(-chart.height, -0.1, 0.4) * chart.on_digit
+    below = smoothstep(-chart.height, 0.0, 0.65) * chart.on_digit
+    comes = 0.62 + 0.38 * noise.smooth(chart.points_mm, 4.5, 2).clip(-1.2, 1)
     for digit in range(5):
         at = (chart.digit == digit).nonzero()[0]
         across = chart.lateral[at]
@@ -170,7 +172,9 @@ def _palmar_creases(chart: HandChart, lines: PlaneImage, look: PersonLook) -> np
             phase, tilt, bow = random.uniform(0, 6.28, 3), random.normal(0, 0.04), random.normal(0, 0.008)
             waves = 0.25 * np.sin(across / 2.1 + phase[0]) + 0.18 * np.sin(across / 0.9 + phase[1])
             off = chart.along[at] - (place + random.normal(0, 0.3) + tilt * across + bow * across**2 + waves)
-            line = strength * (bump(off, 0.32) + 0.35 * bump(off - random.choice([-1, 1]) * 0.9, 0.2))
+            beside = random.choice([-1, 1]) * random.uniform((0.7, 1.5), (1.1, 2.2))
+            finer = sum(share * bump(off - aside, 0.17) for share, aside in zip((0.4, 0.25), beside, strict=True))
+            line = strength * comes[at] * (bump(off, 0.32) + finer)
             total[at] = np.maximum(total[at], below[at] * line)
     return total.clip(0, 1.2)
 

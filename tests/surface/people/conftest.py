@@ -48,4 +48,4 @@ def people(chart):
 
 def drawn(chart, look):
     relief = drawn_relief(chart, look)
-    return Drawn(look, relief, drawn_log_albedo(chart, relief, veins(look.random(1)), look))
+    return Drawn(look, relief, drawn_log_albedo(chart, relief, veins(look.random(1)).at(chart.points_mm), look))
