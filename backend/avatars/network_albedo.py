@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -18,6 +19,7 @@ from ..hand.topology import Skinning, topology_of
 from ..light.lighting import AmbientOcclusion, reflectance
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
+from ..surface.albedo_ratio import RATIO_ARRAY
 from ..surface.atlas_texels import AtlasTexels
 from .avatar import Avatar
 
@@ -59,6 +61,14 @@ def network_albedo_at(avatar: Avatar, hand: HandModel, samples: SurfaceSamples) 
     gathered = shade(field, rays, HandInView(mesh, topology, _camera()), conditions, avatar.config.sampler.shell_m)
     sky_visibility = AmbientOcclusion(torch.ones(count), normal)
     return reflectance(field.decode(gathered, rays.directions, sky_visibility).channels).numpy()
+
+
+def in_network_colours(avatar: Avatar) -> Avatar:
+    """Return the avatar in the colours of its networks alone: without a factor on their albedo."""
+    if avatar.surface is None:
+        return avatar
+    arrays = {name: values for name, values in avatar.surface.arrays.items() if name != RATIO_ARRAY}
+    return replace(avatar, surface=replace(avatar.surface, arrays=arrays))
 
 
 def _camera() -> CameraTensors:

@@ -10,6 +10,7 @@ import numpy as np
 from ..avatars.avatar import Avatar
 from ..avatars.file import load_avatar
 from ..avatars.library import shipped_avatar_path
+from ..avatars.network_albedo import in_network_colours
 from ..capture.person import Person
 from ..hand.model import HandModel
 from ..records.side import Side
@@ -80,10 +81,4 @@ BASES = "light", "middle", "deep"
 def shipped_bases(hand: HandModel) -> Bases:
     """Load them, in the colours of their networks: what is drawn on them is nobody else's."""
     avatars = [load_avatar(shipped_avatar_path(name)) for name in BASES]
-    return Bases.of(PersonModel.of(_in_networks_colours(avatar), hand) for avatar in avatars)
-
-
-def _in_networks_colours(avatar: Avatar) -> Avatar:
-    assert avatar.surface is not None
-    arrays = {name: values for name, values in avatar.surface.arrays.items() if name != RATIO_ARRAY}
-    return replace(avatar, surface=replace(avatar.surface, arrays=arrays))
+    return Bases.of(PersonModel.of(in_network_colours(avatar), hand) for avatar in avatars)

@@ -217,7 +217,7 @@ def test_a_configuration_of_another_version_is_refused(avatar, path, monkeypatch
 def test_shipped_avatars_are_of_the_built_in_hand_and_small(skin):
     path = shipped_avatar_path(skin)
     assert load_avatar(path).hand_sha256 == builtin_sha256()
-    assert path.stat().st_size <= 4.5e6
+    assert path.stat().st_size <= 6e6
 
 
 def test_an_avatar_that_shipped_is_known_by_its_place(tmp_path):

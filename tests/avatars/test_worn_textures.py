@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
+from livehand.backend.avatars.network_albedo import in_network_colours
 from livehand.backend.avatars.worn_textures import BASE_COLOR, REFLECTANCE, WornTextures, worn_textures
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
@@ -68,7 +69,8 @@ def test_beside_the_skin_and_on_nails_nothing_is_learnt_of_networks(textures):
 
 @pytest.mark.slow
 def test_an_avatar_s_parts_are_put_together(light, hand):
-    plain = worn_textures(light, hand)
+    plain_light = in_network_colours(light)
+    plain = worn_textures(plain_light, hand)
     assert plain.trained_on == light.surface.person
     size = len(plain.reflectance)
     assert plain.heights.shape == (size, size, 3)

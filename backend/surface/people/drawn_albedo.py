@@ -37,7 +37,7 @@ _PALE = 0.45, 0.97  # of the palm side, over which skin grows pale: pigment reac
 _ARM_PALM, _WRIST_MM, _SOFT_WRIST_MM = 0.35, (-26.0, 4.0), (-58.0, 14.0)  # of the chart's palm side; softer
 _COARSE_FOLD = np.float32(0.65)  # of the folds' colour: blurred, all of it is too much
 # How much more blood shows as much redness through deep pigment as through light.
-_BELOW_PIGMENT = 1.0
+_BELOW_PIGMENT = 0.7
 _LEAST_BLOOD = -0.34  # against the mean: paler skin would be grey
 _SOFT, _SOFT_MEAN = 0.12, 0.03  # how softly it is approached, and what that adds in the mean
 _MOON = np.array([0.55, 0.5, 0.1, 0.3, 1.0], np.float32)  # how large half-moons are, by digit
@@ -106,8 +106,8 @@ def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
     points, tone = chart.points_mm, look.tone * (1 - chart.palm)
     patches = (
         0.17 * (1 + 0.9 * tone) * noise.smooth(points, 42.0, 1)
-        + 0.19 * (1 + 0.5 * tone) * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
-        + 0.10 * (1 + 0.3 * tone) * noise.smooth(points[:, [2, 0, 1]], 6.0, 2)
+        + 0.2 * (1 + 0.5 * tone) * noise.smooth(points[:, [1, 2, 0]], 15.0, 2)
+        + 0.11 * (1 + 0.3 * tone) * noise.smooth(points[:, [2, 0, 1]], 6.0, 2)
         + (0.10 + 0.03 * chart.palm) * noise.smooth(points[:, [0, 2, 1]], 2.6, 3)
     )
     calm = 1 - 0.65 * smoothstep(d, 42.0, -10.0)

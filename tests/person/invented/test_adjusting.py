@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
+from livehand.backend.avatars.network_albedo import in_network_colours
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.person.invented import adjusting
 from livehand.backend.person.invented.adjusting import adjusted_person, current_numbers
@@ -20,7 +21,13 @@ from livehand.backend.surface.people.look import PersonLook
 
 @pytest.fixture(scope="module")
 def light():
-    return load_avatar(shipped_avatar_path("light"))
+    """In the colours of its networks, as any avatar that was trained and not coloured since."""
+    return in_network_colours(load_avatar(shipped_avatar_path("light")))
+
+
+@pytest.fixture(scope="module")
+def deep():
+    return in_network_colours(load_avatar(shipped_avatar_path("deep")))
 
 
 @pytest.fixture(autouse=True)
@@ -33,8 +40,8 @@ def adjusted(avatar, **given):
 
 
 @pytest.mark.nightly
-def test_a_light_person_with_a_deep_ones_tone_has_their_albedo(light):
-    hand, deep = load_default_hand(), load_avatar(shipped_avatar_path("deep"))
+def test_a_light_person_with_a_deep_ones_tone_has_their_albedo(light, deep):
+    hand = load_default_hand()
     before, wanted, found = (
         np.log(vertex_albedo(one, hand).clip(0.01)) for one in (light, deep, adjusted(light, tone=1.0))
     )
@@ -43,8 +50,8 @@ def test_a_light_person_with_a_deep_ones_tone_has_their_albedo(light):
 
 
 @pytest.mark.slow
-def test_half_of_it_is_half_way_in_logarithms(light):
-    hand, deep = load_default_hand(), load_avatar(shipped_avatar_path("deep"))
+def test_half_of_it_is_half_way_in_logarithms(light, deep):
+    hand = load_default_hand()
     before, after, found = (
         np.log(vertex_albedo(one, hand).clip(0.01)) for one in (light, deep, adjusted(light, tone=0.5))
     )
