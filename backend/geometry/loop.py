@@ -28,14 +28,34 @@ class LoopStep(NamedTuple):
 
 def loop_step(faces: np.ndarray, vertex_count: int) -> LoopStep:
     """Subdivide a closed mesh with faces [F, 3] once."""
-    sides = np.sort(half_edges(faces), 1)
     opposite = np.r_[faces[:, 2], faces[:, 0], faces[:, 1]]
-    edges, edge_of_side = np.unique(sides, axis=0, return_inverse=True)
-    edge_of_side = edge_of_side.ravel()
-    parts = [_moved_vertices(edges, vertex_count), _edge_points(edges, vertex_count + edge_of_side, opposite)]
+    edges, middles, split = split_faces(faces, vertex_count)
+    parts = [_moved_vertices(edges, vertex_count), _edge_points(edges, middles.T.ravel(), opposite)]
     row, column, value = (np.concatenate(entries) for entries in zip(*parts, strict=True))
+    return LoopStep(row, column, value, split, vertex_count + len(edges))
+
+
+class SplitFaces(NamedTuple):
+    """F faces of a closed mesh of V vertices, each split in four.
+
+    Attributes:
+        edges: [E, 2] of the mesh; a vertex lies on each, after the V.
+        middles: [F, 3] the vertices on the sides 01, 12, 20 of each face.
+        faces: [4 F, 3] the three corner faces of all, then the middle ones.
+    """
+
+    edges: np.ndarray
+    middles: np.ndarray
+    faces: np.ndarray
+
+
+def split_faces(faces: np.ndarray, vertex_count: int) -> SplitFaces:
+    """Split the faces [F, 3] of a closed mesh."""
+    edges, edge_of_side = np.unique(np.sort(half_edges(faces), 1), axis=0, return_inverse=True)
     middles = vertex_count + edge_of_side.reshape(3, -1).T
-    return LoopStep(row, column, value, _split_faces(faces, middles), vertex_count + len(edges))
+    (a, b, c), (ab, bc, ca) = faces.T, middles.T
+    split = [np.stack(corner, 1) for corner in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
+    return SplitFaces(edges, middles, np.vstack(split))
 
 
 def split_corners(uv: np.ndarray) -> np.ndarray:
@@ -62,9 +82,3 @@ def _moved_vertices(edges: np.ndarray, vertex_count: int) -> _Entries:
     own = np.arange(vertex_count)
     rows, columns = np.r_[own, edges[:, 0], edges[:, 1]], np.r_[own, edges[:, 1], edges[:, 0]]
     return rows, columns, np.r_[1 - valence * share, share[edges[:, 0]], share[edges[:, 1]]]
-
-
-def _split_faces(faces: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """List the three corner faces, then the middle ones; middles [F, 3] are the new vertices on sides 01, 12, 20."""
-    (a, b, c), (ab, bc, ca) = faces.T, middles.T
-    return np.vstack([np.stack(corner, 1) for corner in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])

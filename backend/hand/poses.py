@@ -70,7 +70,7 @@ POSES: dict[str, LibraryPose] = {
     "Loose Fist": _pose("Basic", "Half-closed hand", "thumb", ("relaxed",),
         (53, 62, 32), (57, 66, 35), (62, 67, 35), (60, 66, 33), (1, 2, -3, 1), (5, -9, -8, 22, 8)),
     "Fist": _pose("Basic", "Closed fist, thumb outside", "palm", (),
-        (82, 80, 47), (79, 89, 70), (74, 92, 70), (72, 84, 61), (4, 7, 2, -5), (16, 7, -12, 29, 41)),
+        (74, 99, 38), (87, 85, 59), (72, 92, 74), (72, 84, 61), (8, 7, 2, -5), (31, 3, -18, 5, 45)),
     "Claw": _pose("Basic", "Spread fingers, bent at their middle joints", "palm", ("monster",),
         (-14, 52, 34), (-14, 52, 34), (-14, 52, 34), (-14, 52, 34), (7, 1, -5, -10), (-8, 0, 6, 8, 44)),
     "Point": _pose("Gestures", "Index finger straight", "palm", ("index", "there"),

@@ -201,7 +201,7 @@ def mirror_to(side: Side, of: Side) -> np.ndarray:
 
 @dataclass(frozen=True)
 class LitShots(ShotsAtOnce):
-    """Renders shots of one relightable avatar by a backend's whole frames.
+    """Renders shots of one relightable avatar by a backend's whole frames, whose close-ups have no curved faces.
 
     Attributes:
         surface: the avatar's, on the host.

@@ -19,6 +19,7 @@ from ..image.shading import ShadingInputs, covered_pixels, doubled
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
 from ..surface.blood import Blanching
+from ..surface.curved_faces import CurvedFaces, roundness_in
 from ..surface.detail_maps import DetailMaps
 from ..surface.detail_mesh import DetailMesh, DetailTemplate, LevelsOfDetail, on_surface
 from ..surface.hair_growth import Hairs
@@ -33,15 +34,17 @@ class SurfaceInView(NamedTuple):
 
     Attributes:
         maps: of its detail.
-        mesh: posed.
+        mesh: posed; rays meet it, and it casts shadows.
         hits: where the rays of all low-resolution pixels meet it.
+        shown: the mesh as the full-size image shows it.
         hairs: on it; None: it shows none.
-        pale: where it lacks blood; None: nowhere.
+        pale: where what is shown lacks blood; None: nowhere.
     """
 
     maps: DetailMaps
     mesh: DetailMesh
     hits: RayHits
+    shown: DetailMesh
     hairs: PosedHairs | None = None
     pale: Blanching | None = None
 
@@ -96,15 +99,23 @@ class SurfacePoser:
         """Return the same surface with other maps of its detail, on both hands; templates are shared."""
         other = replace(self, skin=replace(self.skin, maps=maps, left_ratio=maps.ratio))
         other._levels.update(self._levels)
+        other._curved_faces.update(self._curved_faces)
         return other
 
     def posed(self, shot: Shot, hand: HandInView) -> SurfaceInView:
-        """Return the surface of a shot: of what moves, in fewer faces if the view allows it, and without hairs."""
-        levels = self.levels(shot.pose.side)
-        template = levels.visible_in(hand) if shot.quality == "preview" else levels.finest
+        """Return the surface of a shot: of what moves, in fewer faces if the view allows it, and without hairs.
+
+        What is kept is shown with curved faces if the view shows that they are flat.
+        """
+        levels, is_kept = self.levels(shot.pose.side), shot.quality == "final"
+        template = levels.finest if is_kept else levels.visible_in(hand)
         surface = self.in_view(shot.pose, hand, template)
-        surface = surface._replace(pale=self._blanching(shot, surface.mesh, template))
-        if shot.hair == 0 or shot.quality == "preview":
+        roundness = roundness_in(hand) if is_kept else 0.0
+        curved = self.curved_faces(shot.pose.side) if roundness > 0 else None
+        shown = surface.mesh if curved is None else curved.curved(surface.mesh, roundness)
+        pale = self._blanching(shot, surface.mesh, template)
+        surface = surface._replace(shown=shown, pale=pale if curved is None or pale is None else pale.on_curved(curved))
+        if shot.hair == 0 or not is_kept:
             return surface
         return surface._replace(hairs=PosedHairs.of(self.hairs.first(shot.hair), surface.mesh, self.skin.hair_albedo))
 
@@ -118,7 +129,7 @@ class SurfacePoser:
         """Return the surface over a hand in this pose; `template` as in `mesh`."""
         mesh = self.mesh(pose, hand.mesh, hand.topology.frames, template)
         hits = self.backend.ray_hits(mesh, hand.camera, hand.camera.every_pixel)
-        return SurfaceInView(self.skin.maps_of(pose.side), mesh, hits)
+        return SurfaceInView(self.skin.maps_of(pose.side), mesh, hits, mesh)
 
     def shown(self, mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"], side: Side) -> SurfacePixels:
         """Return what rays at `pixel` of a low-resolution camera show of a hand's posed surface, and their image."""
@@ -140,6 +151,12 @@ class SurfacePoser:
             self._levels[side] = LevelsOfDetail.of(self.skin.surface, self.hand.for_side(side), self.device)
         return self._levels[side]
 
+    def curved_faces(self, side: Side) -> CurvedFaces:
+        """Return the split faces of a side's finest template, which are made at its first close-up."""
+        if side not in self._curved_faces:
+            self._curved_faces[side] = CurvedFaces.of(self.levels(side).finest)
+        return self._curved_faces[side]
+
     @cached_property
     def hairs(self) -> Hairs:
         """Of either hand."""
@@ -147,4 +164,8 @@ class SurfacePoser:
 
     @cached_property
     def _levels(self) -> dict[Side, LevelsOfDetail]:
+        return {}
+
+    @cached_property
+    def _curved_faces(self) -> dict[Side, CurvedFaces]:
         return {}

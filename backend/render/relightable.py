@@ -211,11 +211,11 @@ class RelightablePipeline(Pipeline):
         full, edge_m = doubled(met.hand.camera), met.mesh_depth.edge_m
         assert met.hits is not None
         rays = rays._replace(low=inpaint(rays.low, met.pixel, met.hand.camera.size_px, met.hits, edge_m))
-        seen = self.backend.visible_surface(surface.mesh, full)
+        seen = self.backend.visible_surface(surface.shown, full)
         image = networks.enlarged(met, rays, SurfaceDepth(seen.depth, edge_m))
-        image = self.backend.detailed_image(image, seen, surface.mesh, full, surface.maps)
+        image = self.backend.detailed_image(image, seen, surface.shown, full, surface.maps)
         if surface.pale is not None:
-            image = surface.pale.paled(image, seen, surface.mesh, full)
+            image = surface.pale.paled(image, seen, surface.shown, full)
         hairs = None if surface.hairs is None else visible_hairs(surface.hairs, full, image.depth, met.pixel)
         return image, SurfaceLayer(
             met.on_surface(surface.mesh), SurfaceDepth(surface.hits.depth, edge_m), seen.edges, hairs

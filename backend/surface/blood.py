@@ -18,6 +18,7 @@ from ..field.rays import CameraTensors
 from ..hand.lbs import SkinTensors
 from ..image.shading import ShadingInputs
 from ..light.lighting import DIFFUSE, SCATTERED
+from .curved_faces import CurvedFaces
 from .detail_mesh import DetailMesh, DetailTemplate, PixelSurface, barycentric, blend_corners
 
 BLOOD_LOG_ALBEDO = (-0.03, -0.38, -0.58)
@@ -112,6 +113,11 @@ class Blanching(NamedTuple):
         if joints is None:
             return self
         return self._replace(of_joints=joints.of_joints, joint_log_albedo=joints.joint_log_albedo)
+
+    def on_curved(self, faces: CurvedFaces) -> Blanching:
+        """Return the same of the mesh whose faces these are split from, with its vertices on edges."""
+        names = ("bloodless", "under_nails", "of_joints")
+        return self._replace(**{name: faces.with_middles(getattr(self, name)) for name in names})
 
     @property
     def both(self) -> Float[Tensor, "N 2"]:

@@ -1,12 +1,18 @@
-"""The library's poses: no fingertip deep inside the hand, straight fingers straight, joints within what hands do."""
+"""The library's poses: no fingertip deep inside the hand, nothing seen through a fist, straight fingers straight."""
 
 import numpy as np
 import pytest
+import torch
+from livehand.backend.field.rays import CameraTensors, project
+from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.poses import POSES
+from livehand.backend.records.camera import look_at
 from livehand.backend.records.shot import HandPose
+from livehand.backend.surface.detail_mesh import first_fronts
+from scipy.ndimage import binary_fill_holes
 
 pytestmark = pytest.mark.slow
 
@@ -51,6 +57,36 @@ def test_a_thumb_through_the_palm_is_found():
     angles = POSES["Fist"].gesture.angles_deg()
     angles[12, 1] -= 20
     assert fingertips_inside(angles) > 25
+
+
+# Towards cameras around the thumb's web, along (distal, dorsal, radial) at rest.
+AROUND_THE_WEB = ((0.75, 0.5, 0.5), (0.9, 0.3, 0.4), (0.5, 0.5, 0.8), (0.2, 0.6, 0.8), (0.75, 0.2, 0.7), (0.3, 0.2, 1))
+MM_PER_PX, SIZE_PX = 0.4, 400
+
+
+def seen_through_mm2(surface, towards):
+    """How much of what is behind a surface is seen through it, with the hand all around, by parallel rays."""
+    axes = axis_angle_to_matrix(np.array([0.2, -0.1, 0.3])) * (-1, 1, 1)  # of the fixture's hand
+    on_digits = surface.faces[surface.bones.of_face > 0]
+    centre = surface.vertices[on_digits].mean((0, 1)).double().numpy()
+    cam2world = look_at(centre + axes @ np.array(towards), centre, axes[:, 0])
+    K = torch.diag(torch.tensor([1000 / MM_PER_PX, 1000 / MM_PER_PX, 1.0]))
+    K[:2, 2] = SIZE_PX / 2
+    world2cam = torch.as_tensor(np.linalg.inv(cam2world), dtype=torch.float32)
+    camera = CameraTensors(K, world2cam, (SIZE_PX, SIZE_PX), is_orthographic=True)
+    shown = (first_fronts(surface, *project(camera, surface.vertices), camera).face >= 0).reshape(SIZE_PX, SIZE_PX)
+    return (binary_fill_holes(shown) & ~shown.numpy()).sum() * MM_PER_PX**2
+
+
+def test_a_fist_is_closed_around_the_thumbs_web(fine_hand):
+    """Before index finger and thumb closed, 5 to 68 mm2 were seen through."""
+    found = [seen_through_mm2(fine_hand("Fist"), towards) for towards in AROUND_THE_WEB]
+    assert max(found) == 0, found
+
+
+def test_a_ring_of_thumb_and_index_finger_is_seen_through(fine_hand):
+    """By more than a circle of 15 mm."""
+    assert seen_through_mm2(fine_hand("OK"), (0.0, 0.0, 1.0)) > 177
 
 
 def test_the_library_is_large_and_every_pose_has_its_words():

@@ -10,6 +10,7 @@ from livehand.backend.surface.blood import (
     JointBlood,
     place_log_albedo,
 )
+from livehand.backend.surface.curved_faces import CurvedFaces
 from livehand.backend.surface.detail_maps_file import load_surface_detail
 from livehand.backend.surface.detail_mesh import DetailTemplate
 from livehand.backend.surface.detail_surface import load_detail_surface
@@ -48,6 +49,18 @@ def test_a_pressed_fingertip_squeezes_its_own_nails_bed(hand, template):
 def test_what_is_not_pressed_keeps_its_blood(hand, template):
     found = Blanching.of(np.zeros(len(hand.v_template)), template)
     assert found.bloodless.max() == found.under_nails.max() == 0
+
+
+def test_on_curved_faces_a_vertex_lacks_the_mean_of_what_its_edges_ends_lack(hand, template):
+    faces = CurvedFaces.of(template)
+    pressed = Blanching.of(np.linspace(0, PRESSED_M, len(hand.v_template)), template)
+    found = pressed.on_curved(faces)
+    for name in ("bloodless", "under_nails", "of_joints"):
+        before, after = getattr(pressed, name), getattr(found, name)
+        assert torch.equal(after[: len(before)], before)
+        torch.testing.assert_close(after[len(before) :], before[faces.edges].mean(1))
+    assert torch.equal(found.joint_log_albedo, pressed.joint_log_albedo)
+    assert found.bloodless.max() > 0.3
 
 
 @pytest.fixture(scope="module")
