@@ -34,11 +34,11 @@ from .collect import DATA, ROOT, joined, keep, source
 
 _DOCUMENT = DATA / "against_cycles.json"
 _FIRST_SEED = 700
-_PLAN = CapturePlan(poses=44, eval_views=4, lights="varied")
+_PLAN = CapturePlan(poses=44, lights="varied")
 _FIGURES = ("psnr_hand", "psnr_full", "ssim_hand", "flip", "lpips")
 _WHAT = (
-    "`python -m livehand.tools.results.against_cycles`: each avatar that ships on 10 views of its own person by "
-    f"Cycles, 64 samples, seeds from {_FIRST_SEED}; in brackets the views"
+    "`python -m livehand.tools.results.against_cycles`: each avatar that ships on views of its own person by Cycles, "
+    f"as many in each kind of light, 64 samples, seeds from {_FIRST_SEED}; in brackets the views"
 )
 
 
@@ -57,12 +57,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("folder", type=Path, help="keeps captures and figures")
     parser.add_argument("--only", nargs="+", choices=SHIPPED, default=SHIPPED, help="avatars (default: all)")
     parser.add_argument("--threads", type=int, help="of Cycles (default: all)")
+    parser.add_argument("--views", type=int, default=2, metavar="N", help="of each person in each kind of light")
     args = parser.parse_args(arguments)
     hand, origin = load_default_hand(), source(_WHAT)  # before a long run, in which others may commit
     for name in args.only:
         path = _figures_path(args.folder, name)
         if not path.is_file():
-            found = _measured(name, hand, args.folder / name, args.threads)
+            plan = replace(_PLAN, eval_views=2 * args.views)  # half as many of a kind
+            found = _measured(name, hand, plan, args.folder / name, args.threads)
             kept = {"source": origin, "views": [view._asdict() for view in found]}
             path.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
     paths = [_figures_path(args.folder, name) for name in SHIPPED]
@@ -77,11 +79,13 @@ def _figures_path(folder: Path, name: str) -> Path:
     return folder / f"{name}.json"
 
 
-def _measured(name: Shipped, hand: HandModel, folder: Path, threads: int | None) -> list[MeasuredView]:
+def _measured(
+    name: Shipped, hand: HandModel, plan: CapturePlan, folder: Path, threads: int | None
+) -> list[MeasuredView]:
     avatar, seed = load_avatar(shipped_avatar_path(name)), _FIRST_SEED + SHIPPED.index(name)
     assert avatar.surface is not None
     subject = DressedHand(hand, worn_textures(avatar, hand))
-    plan = replace(_PLAN, person=avatar.surface.person, seed=seed)
+    plan = replace(plan, person=avatar.surface.person, seed=seed)
     capture = render_capture(folder, plan, {"plan": plan.facts()}, threads, subject, "test")
     lpips = fetched_lpips_distances("alexnet", torch.device("cpu"))[:1]
     scored = [view.score for view in scored_views(Renderer(avatar, hand, "cpu"), capture, capture.views, lpips)]

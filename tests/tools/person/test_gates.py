@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
+from livehand.backend.avatars.network_albedo import in_network_colours
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
@@ -92,7 +93,7 @@ def _pose(truth, frame):
 
 
 def test_numbers_and_the_tattoo_of_a_surface(truth):
-    avatar = load_avatar(shipped_avatar_path("light"))
+    avatar = in_network_colours(load_avatar(shipped_avatar_path("light")))
     assert [gate.value for gate in number_gates(avatar, truth)] == [0.5]
     steps = (truth.log_factor / RATIO_STEP).round().repeat(2, 0).repeat(2, 1).astype(np.int8)
     surface = replace(avatar.surface, arrays={**avatar.surface.arrays, "albedo/ratio": steps})
