@@ -22,7 +22,9 @@ from ...backend.avatars.network_albedo import FIELD_RESOLUTION, network_albedo
 from ...backend.hand.model_file import load_default_hand
 from ...backend.person.invented.command import new_person
 from ...backend.render.thumbnail import with_thumbnail
+from ...backend.surface.hair_growth import REGIONS
 from ...backend.surface.people.drawing import AtlasSizes
+from ...backend.surface.people.drawn_surface import grown
 from ...backend.surface.people.look import PersonLook
 from ...backend.surface.people.recolouring import recoloured_arrays
 from ...backend.system.command import warn
@@ -40,11 +42,11 @@ PEOPLE: Mapping[Shipped, tuple[int, dict[str, float | None]]] = {
 
 
 TRAINED: Mapping[Shipped, tuple[int, dict[str, float | None]]] = {
-    "light": (101, {"age": 34, "tone": 0.0, "build": 0.7, "blood": 1.0, "freckles": 0.5, "nails": 0.8}),
-    "middle": (102, {"age": 29, "tone": 0.42, "build": 0.2, "blood": 1.0, "freckles": 0.2, "nails": 1.2}),
-    "deep": (103, {"age": 58, "tone": 1.0, "build": 0.7, "blood": 1.0, "freckles": 0.3, "nails": 0.8}),
+    "light": (101, {"age": 34, "tone": 0.0, "build": 0.7, "blood": 1.0, "freckles": 0.5, "hair": 0.7, "nails": 0.8}),
+    "middle": (102, {"age": 29, "tone": 0.42, "build": 0.2, "blood": 1.0, "freckles": 0.2, "hair": 0.1, "nails": 1.2}),
+    "deep": (103, {"age": 58, "tone": 1.0, "build": 0.7, "blood": 1.0, "freckles": 0.3, "hair": 0.5, "nails": 0.8}),
 }
-"""The colours of those whose networks were trained; relief, hair and shape stay those of their captures."""
+"""The colours and hair of those whose networks were trained; relief and shape stay those of their captures."""
 
 
 def write_person(name: Shipped, folder: Path) -> None:
@@ -62,13 +64,14 @@ def write_person(name: Shipped, folder: Path) -> None:
 
 
 def recoloured(avatar: Avatar, look: PersonLook) -> Avatar:
-    """Give a trained avatar the colours of a look; its figures stay those of its networks on their own skin."""
+    """Give a trained avatar a look's colours and hair; its figures stay those of its networks in their own colours."""
     hand, surface = load_default_hand(), avatar.surface
     assert surface is not None
     colours = recoloured_arrays(hand, look, network_albedo(avatar, hand, FIELD_RESOLUTION), AtlasSizes().ratio)
+    hair = {name: grown(region, look) for name, region in REGIONS.items()}
     coloured = replace(
         avatar,
-        surface=replace(surface, arrays={**surface.arrays, **colours}),
+        surface=replace(surface, arrays={**surface.arrays, **colours}, hair=hair),
         provenance={**avatar.provenance, "recoloured": look.facts()},
     )
     return with_thumbnail(coloured, hand)
