@@ -25,6 +25,6 @@ def tile_of(melanin):
 @pytest.mark.parametrize(("melanin", "gain"), [(0.0, 1.0), (0.5, 1.6), (1.0, 2.2), (1.2, 2.2)])
 def test_a_tile_is_exposed_for_its_person_on_one_grey(melanin, gain):
     tile = tile_of(melanin)
-    assert tile.shape == (230, 230, 3)
-    np.testing.assert_allclose(tile[:115], linear_to_srgb(gain * LINEAR).item(), atol=1e-6)
-    np.testing.assert_allclose(tile[115:], linear_to_srgb(np.array([0.12])).item(), atol=1e-6)
+    assert tile.shape == (180, 180, 3)
+    np.testing.assert_allclose(tile[:90], linear_to_srgb(gain * LINEAR).item(), atol=1e-6)
+    np.testing.assert_allclose(tile[90:], linear_to_srgb(np.array([0.12])).item(), atol=1e-6)

@@ -1,4 +1,4 @@
-"""Makes the sheet of the people who ship as numbers: back, palm and fist of each in one key lamp, exposed for each.
+"""Makes the sheet of the people who ship: back, palm and fist of each in one key lamp, exposed for each.
 
 python -m livehand.tools.avatars.sheet PICTURE [AVATAR ...]
 """
@@ -14,7 +14,7 @@ import torch
 
 from ...backend.avatars.avatar import Avatar
 from ...backend.avatars.file import load_avatar
-from ...backend.avatars.library import AVATAR_HELP, SHIPPED, SKINS, avatar_path
+from ...backend.avatars.library import AVATAR_HELP, SHIPPED, avatar_path
 from ...backend.capture.picture import linear_to_srgb
 from ...backend.evaluation.contact_sheet import save_sheet, tile
 from ...backend.hand.model_file import load_default_hand
@@ -22,7 +22,7 @@ from ...backend.image.srgb import srgb_to_linear
 from ..lookdev.sheets import AvatarStudio
 from ..lookdev.views import WHOLE_HANDS
 
-_TILE_PX, _FINER = 230, 2  # of a tile, and of the picture that is made small to it
+_TILE_PX, _FINER = 180, 2  # of a tile, and of the picture that is made small to it
 # Views of lookdev: size of a pixel of that picture, and the exposure of deep skin against that of light skin.
 _VIEWS = {"open, back": (0.55, 2.2), "open, palm": (0.55, 1.3), "fist, back": (0.36, 2.2)}
 _GREY, _CLEAR = 0.12, 1e-3
@@ -54,7 +54,7 @@ def main() -> None:
     parser.add_argument("picture", type=Path, help="to write")
     parser.add_argument("avatars", nargs="*", type=avatar_path, help=AVATAR_HELP.replace("(default: light)", ""))
     arguments = parser.parse_args()
-    paths = arguments.avatars or [avatar_path(name) for name in SHIPPED[len(SKINS) :]]
+    paths = arguments.avatars or [avatar_path(name) for name in SHIPPED]
     save_sheet(people_sheet([load_avatar(path) for path in paths]), arguments.picture)
 
 
