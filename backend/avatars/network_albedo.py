@@ -20,7 +20,9 @@ from ..light.lighting import AmbientOcclusion, reflectance
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..surface.albedo_ratio import RATIO_ARRAY
+from ..surface.atlas_borders import joined_borders, split_atlas
 from ..surface.atlas_texels import AtlasTexels
+from ..surface.detail_surface import LEVELS
 from .avatar import Avatar
 
 _DISTANCE_M, _FOCAL_PX = 0.5, 1000.0
@@ -33,13 +35,16 @@ FIELD_RESOLUTION = 512
 def network_albedo(avatar: Avatar, hand: HandModel, resolution: int) -> np.ndarray:
     """Compute the albedo [A, A, 3] of the networks alone over the atlas; beyond the charts, that of the nearest texel.
 
+    Charts meet at their borders, as pictures show them.
+
     Raises:
         LiveHandError: the avatar is not relightable.
     """
     corner_uv = torch.as_tensor(hand.vt[hand.ft], dtype=torch.float32)
     texels = AtlasTexels.of(corner_uv, torch.as_tensor(hand.f), resolution)
     face, weights = torch.as_tensor(texels.face), torch.as_tensor(texels.weights)
-    return texels.as_map(network_albedo_at(avatar, hand, SurfaceSamples(face, weights, torch.zeros(len(face)))))
+    albedo = network_albedo_at(avatar, hand, SurfaceSamples(face, weights, torch.zeros(len(face))))
+    return joined_borders(texels.as_map(albedo), *split_atlas(hand.f, hand.vt[hand.ft], LEVELS))
 
 
 def network_albedo_at(avatar: Avatar, hand: HandModel, samples: SurfaceSamples) -> np.ndarray:

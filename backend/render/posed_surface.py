@@ -34,9 +34,9 @@ class SurfaceInView(NamedTuple):
 
     Attributes:
         maps: of its detail.
-        mesh: posed; rays meet it, and it casts shadows.
-        hits: where the rays of all low-resolution pixels meet it.
-        shown: the mesh as the full-size image shows it.
+        mesh: posed; it casts shadows.
+        hits: where the rays of all low-resolution pixels meet what is shown.
+        shown: the mesh as images show it.
         hairs: on it; None: it shows none.
         pale: where what is shown lacks blood; None: nowhere.
     """
@@ -109,12 +109,12 @@ class SurfacePoser:
         """
         levels, is_kept = self.levels(shot.pose.side), shot.quality == "final"
         template = levels.finest if is_kept else levels.visible_in(hand)
-        surface = self.in_view(shot.pose, hand, template)
         roundness = roundness_in(hand) if is_kept else 0.0
-        curved = self.curved_faces(shot.pose.side) if roundness > 0 else None
-        shown = surface.mesh if curved is None else curved.curved(surface.mesh, roundness)
+        surface = self.in_view(shot.pose, hand, template, roundness)
         pale = self._blanching(shot, surface.mesh, template)
-        surface = surface._replace(shown=shown, pale=pale if curved is None or pale is None else pale.on_curved(curved))
+        if pale is not None and roundness > 0:
+            pale = pale.on_curved(self.curved_faces(shot.pose.side))
+        surface = surface._replace(pale=pale)
         if shot.hair == 0 or not is_kept:
             return surface
         return surface._replace(hairs=PosedHairs.of(self.hairs.first(shot.hair), surface.mesh, self.skin.hair_albedo))
@@ -125,11 +125,21 @@ class SurfacePoser:
             return joints
         return Blanching.of(shot.pressed_m, template).and_of(joints)
 
-    def in_view(self, pose: HandPose, hand: HandInView, template: DetailTemplate | None = None) -> SurfaceInView:
-        """Return the surface over a hand in this pose; `template` as in `mesh`."""
+    def in_view(
+        self, pose: HandPose, hand: HandInView, template: DetailTemplate | None = None, roundness: float = 0.0
+    ) -> SurfaceInView:
+        """Return the surface over a hand in this pose.
+
+        Args:
+            pose: of the hand.
+            hand: in view.
+            template: as in `mesh`.
+            roundness: of its faces' edges; above 0 the template must be the finest.
+        """
         mesh = self.mesh(pose, hand.mesh, hand.topology.frames, template)
-        hits = self.backend.ray_hits(mesh, hand.camera, hand.camera.every_pixel)
-        return SurfaceInView(self.skin.maps_of(pose.side), mesh, hits, mesh)
+        shown = self.curved_faces(pose.side).curved(mesh, roundness) if roundness > 0 else mesh
+        hits = self.backend.ray_hits(shown, hand.camera, hand.camera.every_pixel)
+        return SurfaceInView(self.skin.maps_of(pose.side), mesh, hits, shown)
 
     def shown(self, mesh: DetailMesh, camera: CameraTensors, pixel: Int[Tensor, " R"], side: Side) -> SurfacePixels:
         """Return what rays at `pixel` of a low-resolution camera show of a hand's posed surface, and their image."""

@@ -2,8 +2,7 @@
 
 Vertices stay where they are. On each edge, one more lies on the cubic that meets both ends at right angles to their
 normals (PN triangles: Vlachos et al. 2001, "Curved PN triangles"), with the mean of their values and of their normals:
-so the outline is round, and nothing else differs from what faces show by themselves. Rays and shadows, which are
-coarser than the image, keep the mesh.
+so the outline is round, and nothing else differs from what faces show by themselves. Shadows are cast by the mesh.
 """
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ def test_edges_grow_round_before_they_are_all_arcs(hand, renderer):
     assert len(far.shown.vertices) == count
 
 
-def test_the_image_shows_curved_faces_and_rays_and_shadows_the_mesh(hand, renderer, monkeypatch):
+def test_image_and_rays_meet_curved_faces_and_the_mesh_casts_shadows(hand, renderer, monkeypatch):
     shot, backend, seen = shot_of(hand, 0.1), renderer.pipeline.backend, {}
     for name in ("visible_surface", "detailed_image", "ray_hits"):
         stage = getattr(backend, name)
@@ -90,7 +90,7 @@ def test_the_image_shows_curved_faces_and_rays_and_shadows_the_mesh(hand, render
         monkeypatch.setattr(type(backend), name, staticmethod(watched))
     frame = renderer.render(shot)
     flat = len(renderer.pipeline.surface.levels("right").finest.faces)
-    assert seen == {"visible_surface": 4 * flat, "detailed_image": 4 * flat, "ray_hits": flat}
+    assert seen == {"visible_surface": 4 * flat, "detailed_image": 4 * flat, "ray_hits": 4 * flat}
     assert len(renderer.pipeline._last.gbuffer.layer.hit.mesh.faces) == flat
     monkeypatch.setattr("livehand.backend.render.posed_surface.roundness_in", lambda hand: 0.0)
     renderer.forget()
