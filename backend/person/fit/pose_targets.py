@@ -1,7 +1,8 @@
 """Where a picture wants the mesh's vertices: by flow between what the model renders and the picture, and by outlines.
 
-Once the model has about the person's skin and light, flow says for every visible vertex where it should be. A vertex at
-the hand's outline should lie on the mask's, somewhere: only its distance across that edge counts.
+Once the model has about the person's skin and light, flow says for every visible vertex where it should be, but not how
+far along a straight edge. A vertex at the hand's outline should lie on the mask's, somewhere: only its distance across
+that edge counts.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ...records.hand_picture import HAND, UNKNOWN, HandPicture
-from ..lit_model.flow import bilinear, flow_between, nearest
+from ..lit_model.flow import bilinear, flow_between, flow_reliability, nearest
 from ..lit_model.illumination import Illumination, encoded_colours
 from ..lit_model.model import GeometryMaps, PersonModel
 from ..rig.outlines import outline_of, outline_of_mask, sure_pixels
@@ -59,6 +60,7 @@ class PoseTargets(NamedTuple):
     Attributes:
         px: [V, 2].
         weight: [V] 0 of those that it does not show.
+        reliability: [V, 2, 2] what takes of a distance from there what the picture tells.
         outline: of vertices at the outline.
         flow_px: mean length of the flow.
         overlap: intersection over union of hand and mask, of what is known.
@@ -66,6 +68,7 @@ class PoseTargets(NamedTuple):
 
     px: np.ndarray
     weight: np.ndarray
+    reliability: np.ndarray
     outline: OutlineTargets
     flow_px: float
     overlap: float
@@ -95,7 +98,8 @@ def pose_targets(model: PersonModel, picture: HandPicture, light: Illumination) 
     length = float((np.linalg.norm(shift, axis=1) * visible).sum() / max(visible.sum(), 1))
     union = ((seen.is_seen & is_known) | is_hand).sum()
     overlap = float((seen.is_seen & is_hand).sum() / max(union, 1))
-    return PoseTargets(px + shift, weight, outline_targets(seen, picture.labels, px), length, overlap)
+    outline = outline_targets(seen, picture.labels, px)
+    return PoseTargets(px + shift, weight, flow_reliability(ours, px), outline, length, overlap)
 
 
 def _grey(encoded: np.ndarray, mask: np.ndarray) -> np.ndarray:
