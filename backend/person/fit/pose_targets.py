@@ -27,7 +27,10 @@ _FLOW_ERROR_PX, _BEHIND_M, _LEAST_FACING = 3.0, 0.004, 0.15
 
 
 class OutlineTargets(NamedTuple):
-    """K vertices at the outline: which, the points [K, 2] px of the mask's edge, and its unit normals [K, 2] there."""
+    """K vertices at the outline: which, the points [K, 2] px where they should be, and the edge's unit normals [K, 2].
+
+    A vertex should be as far inside the mask's edge as it is inside the surface's own.
+    """
 
     vertex: np.ndarray
     px: np.ndarray
@@ -48,10 +51,12 @@ def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndar
         return nothing
     distance, at = (np.asarray(found) for found in KDTree(ours.rim_px).query(vertices_px))
     vertex = np.flatnonzero(distance < _ALONG_PX)
-    off, matched = (np.asarray(found) for found in KDTree(theirs.rim_px).query(vertices_px[vertex]))
-    agrees = (ours.normal[at[vertex]] * theirs.normal[matched]).sum(1) > _LEAST_AGREEMENT
+    rim, rim_px = at[vertex], ours.rim_px[at[vertex]]
+    off, matched = (np.asarray(found) for found in KDTree(theirs.rim_px).query(rim_px))
+    agrees = (ours.normal[rim] * theirs.normal[matched]).sum(1) > _LEAST_AGREEMENT
     kept = agrees & (off < _FARTHEST_PX)
-    return OutlineTargets(vertex[kept], theirs.rim_px[matched[kept]], theirs.normal[matched[kept]])
+    inside_px = vertices_px[vertex] - rim_px
+    return OutlineTargets(vertex[kept], (theirs.rim_px[matched] + inside_px)[kept], theirs.normal[matched[kept]])
 
 
 class PoseTargets(NamedTuple):
