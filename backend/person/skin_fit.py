@@ -15,7 +15,7 @@ import torch
 from scipy.sparse import csr_array
 
 from ..capture.masks.mask import load_opencv
-from ..records.hand_picture import HAND, HandPicture, PicturedHand
+from ..records.hand_picture import BACKGROUND, HAND, HandPicture, PicturedHand
 from ..records.shot import HandPose
 from ..surface.detail_mesh import SubdivisionLevel
 from ..system.parallel_map import parallel_map
@@ -25,7 +25,7 @@ from .lit_model.illumination import Illumination, encoded_colours
 from .lit_model.model import PersonModel
 from .rig.landmark_pose import LandmarkTargets
 from .rig.outline_fit import RigFit, ViewOutlines
-from .rig.outlines import OutlinedGeometry, OutlineTree, outline_of_mask, sure_pixels
+from .rig.outlines import OutlinedGeometry, OutlineTree, outline_of_mask, sure_pixels, tells_edges
 from .rig.rig_cameras import turned
 from .rig.rig_hands import RigHands
 from .rig.shape_offsets import OffsetFit, VertexTargets, fitted_offsets
@@ -144,10 +144,11 @@ def _px_per_mm(picture: HandPicture) -> float:
 
 
 def _outlines(pictures: tuple[HandPicture, ...]) -> ViewOutlines:
-    """Find the hand's outlines against what is known to be no hand."""
+    """Find the hand's outlines against what is known to be no hand, and not so bright that it hides them."""
     trees, px_per_mm = {}, {}
     for row, picture in enumerate(pictures):
         is_known = sure_pixels(picture.labels, _BESIDE_UNKNOWN_PX)
+        is_known &= tells_edges(picture.rgb, picture.labels == BACKGROUND)
         px_per_mm[row] = _px_per_mm(picture)
         trees[row] = OutlineTree(outline_of_mask(picture.labels, is_known), px_per_mm[row], is_known)
     return ViewOutlines(trees, px_per_mm)

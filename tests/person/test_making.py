@@ -144,9 +144,7 @@ def test_a_finer_atlas_begins_with_the_skin_of_the_coarser(bases, made):
     assert np.abs(finer.per_melanin - tones[1].per_melanin).mean() < 0.05
 
 
-@pytest.mark.parametrize(
-    ("longest_px", "left"), [(None, 0.6), (130, 0.7)]
-)  # .40 to .52 by processor; flow in a smaller picture is coarser
+@pytest.mark.parametrize(("longest_px", "left"), [(None, 0.3), (130, 0.6)])  # flow in a smaller picture is coarser
 def test_poses_go_back_to_where_the_pictures_show_them(made, hand, longest_px, left):
     rng = np.random.default_rng(1)
     right = rest_wrists(made.model.hand, np.zeros(10))
@@ -160,7 +158,7 @@ def test_poses_go_back_to_where_the_pictures_show_them(made, hand, longest_px, l
 
     def off_px(pictures):
         points = posed_vertices(made.model.hand, HandPose.rest())
-        return np.mean(
+        return np.array(
             [
                 np.linalg.norm(
                     one.camera.project(posed_vertices(made.model.hand, one.pose))[0] - one.camera.project(points)[0],
@@ -171,7 +169,9 @@ def test_poses_go_back_to_where_the_pictures_show_them(made, hand, longest_px, l
         )
 
     assert before > 0.002
-    assert off_px(found.pictures) < left * off_px(moved)
+    assert off_px(found.pictures).mean() < left * off_px(moved).mean()
+    if longest_px is None:
+        assert (off_px(found.pictures) < off_px(moved)).all()
     assert torch.is_grad_enabled()
 
 

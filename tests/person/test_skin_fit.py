@@ -9,7 +9,7 @@ from livehand.backend.person.lit_model.illumination import Illumination, lobe_di
 from livehand.backend.person.person_avatar import shipped_bases
 from livehand.backend.person.rig.rig_cameras import turned
 from livehand.backend.person.skin_fit import fitted_to_skin
-from livehand.backend.records.hand_picture import HAND, UNKNOWN
+from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.tests.person.conftest import MADE_FOCAL_PX, pictured
 from scipy.ndimage import binary_erosion, gaussian_filter
 
@@ -34,6 +34,13 @@ def without_edges(picture):
     """Nothing is known but what lies well inside the hand."""
     inner = binary_erosion(picture.labels == HAND, iterations=EDGE_PX)
     return replace(picture, labels=np.where(inner, HAND, UNKNOWN).astype(np.uint8))
+
+
+def before_a_bright_ground(picture):
+    """The ground shines over the hand's edge, by a pixel."""
+    is_hand = binary_erosion(picture.labels == HAND)
+    labels = np.where(is_hand, HAND, BACKGROUND).astype(np.uint8)
+    return replace(picture, labels=labels, rgb=np.where(is_hand[..., None], picture.rgb, np.uint8(250)))
 
 
 def moved(picture, index):
@@ -73,6 +80,18 @@ def test_a_hand_in_its_place_neither_swells_nor_shrinks(spotted):
     """Its surface lies outside the mesh, by an eighth of a millimetre and more at fingers: the outlines are its own."""
     model, light = spotted
     hand = pictured(model, light.light)
-    found = fitted_to_skin(model, hand, {0: light})
+    assert abs(of_fingers_mm(model, fitted_to_skin(model, hand, {0: light}))) < FINGERS_MM
+
+
+def test_bright_grounds_make_no_hand_thinner(spotted):
+    model, light = spotted
+    hand = pictured(model, light.light)
+    pictures = [before_a_bright_ground(one) if index < 3 else one for index, one in enumerate(hand.pictures)]
+    found = fitted_to_skin(model, replace(hand, pictures=tuple(pictures)), {0: light})
+    assert abs(of_fingers_mm(model, found)) < FINGERS_MM
+
+
+def of_fingers_mm(model, found):
+    """The mean offset of fingers' vertices."""
     fingers = model.hand.lbs_weights[:, 1:].sum(1) > 0.99
-    assert abs(1000 * found.offset_m[fingers].mean()) < FINGERS_MM
+    return 1000 * found.offset_m[fingers].mean()

@@ -101,6 +101,7 @@ class _View:
         world2cam: [3, 4].
         K: [3, 3].
         px, weight: [N, 2] and [N] where they should be.
+        reliability: [N, 2, 2] what takes of a distance from there what counts.
         row, edge_px, normal: [M], [M, 2], [M, 2] of the outline: its vertices' rows, and the edge.
         edge_weight: of each of the outline.
         pose: the row of its pose.
@@ -113,6 +114,7 @@ class _View:
     K: Tensor
     px: Tensor
     weight: Tensor
+    reliability: Tensor
     row: Tensor
     edge_px: Tensor
     normal: Tensor
@@ -126,7 +128,7 @@ class _View:
         vertices = posed_part(self.part, pose[THETA].view(16, 3), unknowns.beta, pose[TRANSL], pose[FOREARM])
         px = self._projected(vertices)[0]
         edge = ((px[self.row] - self.edge_px) * self.normal).sum(-1)
-        inside = (self.weight * robust((px - self.px).norm(dim=-1))).sum()
+        inside = (self.weight * robust(self._off(px).norm(dim=-1))).sum()
         return float(inside + self.edge_weight * robust(edge).sum())
 
     def normal_equations(self, unknowns: Unknowns) -> tuple[Tensor, Tensor]:
@@ -135,15 +137,19 @@ class _View:
         moved = vertex_slopes(self.part, pose[THETA].view(16, 3), unknowns.beta, pose[TRANSL], pose[FOREARM])
         px, per_m = self._projected(moved.vertices)
         slopes = per_m @ moved.slopes  # [N, 2, 64]
-        off = px - self.px
+        off = self._off(px)
         weight = self.weight * _trust(off.norm(dim=-1))
         edge = ((px[self.row] - self.edge_px) * self.normal).sum(-1)
         edge_slopes = (self.normal[:, None] @ slopes[self.row])[:, 0]
         edge_weight = self.edge_weight * _trust(edge)
-        rows = torch.cat([slopes.flatten(0, 1), edge_slopes])
+        rows = torch.cat([(self.reliability @ slopes).flatten(0, 1), edge_slopes])
         weights = torch.cat([weight.repeat_interleave(2), edge_weight])
         weighted = (rows * weights[:, None]).T
         return (weighted @ rows).double(), (weighted @ torch.cat([off.flatten(), edge])).double()
+
+    def _off(self, px: Tensor) -> Tensor:
+        """Return what counts [N, 2] of how far vertices at px [N, 2] are off."""
+        return (self.reliability @ (px - self.px)[..., None])[..., 0]
 
     def _projected(self, vertices: Tensor) -> tuple[Tensor, Tensor]:
         """Return [N, 2] px of vertices [N, 3], and their slopes [N, 2, 3], px a metre."""
@@ -299,6 +305,7 @@ def _views(
                 _tensor(camera.K),
                 _tensor(target.px[vertices]),
                 _tensor(weight),
+                _tensor(target.reliability[vertices]),
                 torch.as_tensor(np.searchsorted(vertices, outline.vertex)),
                 _tensor(outline.px),
                 _tensor(outline.normal),

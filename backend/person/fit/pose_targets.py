@@ -1,7 +1,8 @@
 """Where a picture wants the mesh's vertices: by flow between what the model renders and the picture, and by outlines.
 
-Once the model has about the person's skin and light, flow says for every visible vertex where it should be. A vertex at
-the hand's outline should lie on the mask's, somewhere: only its distance across that edge counts.
+Once the model has about the person's skin and light, flow says for every visible vertex where it should be, but not how
+far along a straight edge. A vertex at the hand's outline should lie on the mask's, somewhere: only its distance across
+that edge counts.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ...records.hand_picture import HAND, UNKNOWN, HandPicture
-from ..lit_model.flow import bilinear, flow_between, nearest
+from ..lit_model.flow import bilinear, flow_between, flow_reliability, nearest
 from ..lit_model.illumination import Illumination, encoded_colours
 from ..lit_model.model import GeometryMaps, PersonModel
 from ..rig.outlines import outline_of, outline_of_mask, sure_pixels
@@ -26,7 +27,10 @@ _FLOW_ERROR_PX, _BEHIND_M, _LEAST_FACING = 3.0, 0.004, 0.15
 
 
 class OutlineTargets(NamedTuple):
-    """K vertices at the outline: which, the points [K, 2] px of the mask's edge, and its unit normals [K, 2] there."""
+    """K vertices at the outline: which, the points [K, 2] px where they should be, and the edge's unit normals [K, 2].
+
+    A vertex should be as far inside the mask's edge as it is inside the surface's own.
+    """
 
     vertex: np.ndarray
     px: np.ndarray
@@ -47,10 +51,12 @@ def outline_targets(seen: GeometryMaps, labels: np.ndarray, vertices_px: np.ndar
         return nothing
     distance, at = (np.asarray(found) for found in KDTree(ours.rim_px).query(vertices_px))
     vertex = np.flatnonzero(distance < _ALONG_PX)
-    off, matched = (np.asarray(found) for found in KDTree(theirs.rim_px).query(vertices_px[vertex]))
-    agrees = (ours.normal[at[vertex]] * theirs.normal[matched]).sum(1) > _LEAST_AGREEMENT
+    rim, rim_px = at[vertex], ours.rim_px[at[vertex]]
+    off, matched = (np.asarray(found) for found in KDTree(theirs.rim_px).query(rim_px))
+    agrees = (ours.normal[rim] * theirs.normal[matched]).sum(1) > _LEAST_AGREEMENT
     kept = agrees & (off < _FARTHEST_PX)
-    return OutlineTargets(vertex[kept], theirs.rim_px[matched[kept]], theirs.normal[matched[kept]])
+    inside_px = vertices_px[vertex] - rim_px
+    return OutlineTargets(vertex[kept], (theirs.rim_px[matched] + inside_px)[kept], theirs.normal[matched[kept]])
 
 
 class PoseTargets(NamedTuple):
@@ -59,6 +65,7 @@ class PoseTargets(NamedTuple):
     Attributes:
         px: [V, 2].
         weight: [V] 0 of those that it does not show.
+        reliability: [V, 2, 2] what takes of a distance from there what the picture tells.
         outline: of vertices at the outline.
         flow_px: mean length of the flow.
         overlap: intersection over union of hand and mask, of what is known.
@@ -66,6 +73,7 @@ class PoseTargets(NamedTuple):
 
     px: np.ndarray
     weight: np.ndarray
+    reliability: np.ndarray
     outline: OutlineTargets
     flow_px: float
     overlap: float
@@ -95,7 +103,8 @@ def pose_targets(model: PersonModel, picture: HandPicture, light: Illumination) 
     length = float((np.linalg.norm(shift, axis=1) * visible).sum() / max(visible.sum(), 1))
     union = ((seen.is_seen & is_known) | is_hand).sum()
     overlap = float((seen.is_seen & is_hand).sum() / max(union, 1))
-    return PoseTargets(px + shift, weight, outline_targets(seen, picture.labels, px), length, overlap)
+    outline = outline_targets(seen, picture.labels, px)
+    return PoseTargets(px + shift, weight, flow_reliability(ours, px), outline, length, overlap)
 
 
 def _grey(encoded: np.ndarray, mask: np.ndarray) -> np.ndarray:

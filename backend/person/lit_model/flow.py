@@ -9,6 +9,8 @@ import numpy as np
 from ...capture.masks.mask import load_opencv
 
 _LEAST_SHARE = 1e-3
+_WINDOW_PX, _SURE_SLOPE = 5.0, 0.04  # about as far as flow looks; of grey, a px, along which it hardly slides
+_NOTHING = 1e-12  # of its square
 _CONTRAST, _FLOOR = 0.14, 0.008  # deviation from grey of what has more than the floor's
 
 
@@ -55,6 +57,21 @@ def local_contrast(encoded: np.ndarray, where: np.ndarray, around_px: float) -> 
     share = np.maximum(around(mask), _LEAST_SHARE)
     fine = (grey - around(grey * mask) / share) * mask
     return 0.5 + _CONTRAST * fine / (np.sqrt(around(fine * fine) / share) + _FLOOR)
+
+
+def flow_reliability(grey: np.ndarray, xy_px: np.ndarray) -> np.ndarray:
+    """Return the matrices [P, 2, 2] that take of a flow at points [P, 2] what a grey picture [H, W] tells.
+
+    Along a straight edge one place looks like the next, and flow slides: only what is across counts. Where nothing is
+    to be seen at all, flow is its neighbours', and counts as it is.
+    """
+    cv2 = load_opencv()
+    slopes = [cv2.Sobel(grey.astype(np.float32), cv2.CV_32F, *axes, ksize=3, scale=1 / 8) for axes in ((1, 0), (0, 1))]
+    products = [cv2.GaussianBlur(one * other, (0, 0), _WINDOW_PX) for one in slopes for other in slopes]
+    strength, direction = np.linalg.eigh(bilinear(np.stack(products, -1), xy_px).reshape(-1, 2, 2))
+    strength = strength.clip(_NOTHING)
+    share = strength / (strength + _SURE_SLOPE**2)
+    return (direction * np.sqrt(share / share[:, 1:])[:, None]) @ direction.swapaxes(1, 2)
 
 
 def bilinear(image: np.ndarray, xy_px: np.ndarray) -> np.ndarray:

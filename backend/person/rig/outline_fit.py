@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ...records.camera import Camera
 from .landmark_pose import LandmarkTargets
-from .outlines import OutlinedGeometry, OutlineTree, PairedViews, outline_of, outline_pairs
+from .outlines import OutlinedGeometry, OutlineTree, PairedViews, outline_pairs, outline_where, tells_edges
 from .rig_cameras import RigCameras, turn_costs, turned
 from .rig_hands import HandParameters, RigHands
 from .view_masks import FREE
@@ -48,9 +48,20 @@ class ViewOutlines(NamedTuple):
     px_per_mm: Mapping[int, float]
 
     @classmethod
-    def of(cls, labels: Sequence[np.ndarray], px_per_mm: Sequence[float]) -> ViewOutlines:
-        """Find the outlines of views labelled by `view_labels`."""
-        trees = {row: OutlineTree(outline_of(part != FREE), px_per_mm[row]) for row, part in enumerate(labels)}
+    def of(
+        cls, labels: Sequence[np.ndarray], px_per_mm: Sequence[float], pictures: Sequence[np.ndarray] | None = None
+    ) -> ViewOutlines:
+        """Find the outlines of views labelled by `view_labels`.
+
+        Args:
+            labels: of the views.
+            px_per_mm: px in a millimetre at the hands.
+            pictures: [H, W, 3] of the views, whose bright grounds have no outlines; None: all count.
+        """
+        trees = {}
+        for row, part in enumerate(labels):
+            is_known = np.ones(part.shape, bool) if pictures is None else tells_edges(pictures[row], part == FREE)
+            trees[row] = OutlineTree(outline_where(part != FREE, is_known), px_per_mm[row], is_known)
         return cls(trees, dict(enumerate(px_per_mm)))
 
 

@@ -27,6 +27,7 @@ NONE = -1
 """The face of pixels that no mesh covers."""
 _FRAME_PX = 3  # of the picture's own edge, which is no outline
 _BLUR_PX = 2.0
+_GLARE_PX, _GLARING, _LEAST_GROUND = 3.0, 0.85, 0.02  # its reach; the brightest channel, encoded; a share of pixels
 _MARGIN_PX = 8
 _FAR_M = 1e3
 _NORMAL_MM = 10.0  # by which opposite normals count as apart, halved
@@ -97,9 +98,26 @@ def outline_of(region: Bool[np.ndarray, "H W"]) -> Outline:
 
 def outline_of_mask(labels: UInt8[np.ndarray, "H W"], is_known: Bool[np.ndarray, "H W"]) -> Outline:
     """Find the outline of the hand in a picture's labels, where they tell it from its ground."""
-    outline = outline_of(labels == HAND)
+    return outline_where(labels == HAND, is_known)
+
+
+def outline_where(region: Bool[np.ndarray, "H W"], is_known: Bool[np.ndarray, "H W"]) -> Outline:
+    """Find the outline of a region, where it is known."""
+    outline = outline_of(region)
     is_sure = is_known[outline.row, outline.column]
     return Outline(*(part[is_sure] for part in outline))
+
+
+def tells_edges(rgb: UInt8[np.ndarray, "H W 3"], is_ground: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
+    """Find the pixels of a picture, sRGB-encoded, that have no bright ground near by.
+
+    Such a ground shines over the edges of what is before it, which looks thinner than it is.
+    """
+    cv2 = load_opencv()
+    ground = is_ground.astype(np.float32)
+    brightness = rgb.max(-1).astype(np.float32) / 255
+    share, bright = (cv2.GaussianBlur(image, (0, 0), _GLARE_PX) for image in (ground, ground * brightness))
+    return (share < _LEAST_GROUND) | (bright < _GLARING * share)
 
 
 def sure_pixels(labels: UInt8[np.ndarray, "H W"], margin_px: int) -> Bool[np.ndarray, "H W"]:

@@ -118,13 +118,15 @@ def fitted_hands(
     state = OffsetFit(start, torch.zeros(len(hands.sides), len(hands.arm)))
     labels = stages.labels(state)
     targets = landmark_targets(list(kept.values()), RigCameras.of(cameras))
-    outlines = ViewOutlines.of(labels, stages.px_per_mm(state))
+    rgb = [view.rgb for view in views]
+    outlines = ViewOutlines.of(labels, stages.px_per_mm(state), rgb)
     fit = fitted_to_outlines(start, hands, cameras, outlines, targets, held_out)
     fitted = OffsetFit(fit, state.offset_m)
     labels = stages.labels(fitted)
     for name, one in (("landmarks", state), ("outlines", fitted)):
         stages.measure(name, one, labels)
-    state = fitted_offsets(fit, hands, cameras, ViewOutlines.of(labels, stages.px_per_mm(fitted)), targets, held_out)
+    outlines = ViewOutlines.of(labels, stages.px_per_mm(fitted), rgb)
+    state = fitted_offsets(fit, hands, cameras, outlines, targets, held_out)
     stages.measure("offsets", state, labels)
     turns = state.fit.turns.double().numpy()
     off_px = cameras_off_px(turns, cameras)

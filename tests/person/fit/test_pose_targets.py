@@ -7,6 +7,7 @@ from livehand.backend.person.lit_model.model import GeometryMaps
 from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
 
 MIDDLE_PX, RADIUS_PX = 50.0, 30.0
+INSIDE_PX = 1.5
 
 
 @pytest.fixture
@@ -31,6 +32,17 @@ def test_vertices_of_the_outline_go_to_the_masks(shown):
     assert np.median(np.linalg.norm(targets.px - MIDDLE_PX, axis=1)) == pytest.approx(RADIUS_PX, abs=0.15)
     inward = (MIDDLE_PX - targets.px) / RADIUS_PX
     assert (targets.normal * inward).sum(1).min() > 0.9
+
+
+def test_vertices_inside_the_outline_stay_as_far_inside(shown):
+    maps, rim_px = shown
+    middle_px = np.array([MIDDLE_PX - 4, MIDDLE_PX])
+    inner_px = middle_px + (rim_px - middle_px) * (1 - INSIDE_PX / RADIUS_PX)
+    targets = outline_targets(maps, np.where(_disc(MIDDLE_PX), HAND, BACKGROUND).astype(np.uint8), inner_px)
+    away_px = np.linalg.norm(targets.px - MIDDLE_PX, axis=1)
+    assert np.median(away_px) == pytest.approx(
+        RADIUS_PX - INSIDE_PX, abs=0.4
+    )  # the nearest rim of whole pixels lies inside
 
 
 def test_the_outline_beside_what_is_unknown_is_no_target(shown):

@@ -20,7 +20,7 @@ def test_a_smaller_picture_shows_the_same_and_its_targets_are_enlarged_back():
     np.testing.assert_allclose(small.camera.project(point)[0] * larger_by, camera.project(point)[0])
     np.testing.assert_allclose(small.rgb[5, :, 0], rgb[5, 1::3, 0], atol=1)
     outline = OutlineTargets(np.array([3]), np.array([[1.0, 2.0]]), np.array([[0.0, 1.0]]))
-    targets = PoseTargets(np.array([[4.0, 5.0]]), np.ones(1), outline, 1.5, 0.9).enlarged(larger_by)
+    targets = PoseTargets(np.array([[4.0, 5.0]]), np.ones(1), np.eye(2)[None], outline, 1.5, 0.9).enlarged(larger_by)
     np.testing.assert_allclose(targets.px, [[12, 15]])
     np.testing.assert_allclose(targets.outline.px, [[3, 6]])
     np.testing.assert_allclose(targets.outline.normal, [[0, 1]])

@@ -77,6 +77,17 @@ def test_a_moved_camera_is_turned_back_and_one_held_out_too(made_rig, exact):
     assert mean_error_m(made_rig, found.parameters) < 2e-3
 
 
+def test_outlines_before_a_bright_ground_have_no_pairs(made_rig, exact):
+    fit, _, _ = exact
+    labels = made_rig.labels()
+    skin = [np.where((part > 0)[..., None], np.uint8(150), np.uint8(40)).repeat(3, -1) for part in labels]
+    bright = np.where((labels[2] > 0)[..., None], np.uint8(150), np.uint8(250)).repeat(3, -1)
+    pictures = [*skin[:2], bright, *skin[3:]]
+    outlines = ViewOutlines.of(labels, SCALES, pictures)
+    pairs = paired(fit, made_rig.hands, made_rig.cameras, outlines, range(8), 10.0)
+    assert [part.view for part in pairs.views] == [0, 1, 3, 4, 5, 6, 7]
+
+
 def test_held_out_views_move_no_hand(made_rig, exact):
     fit, outlines, targets = exact
     found = with_turned_cameras(fit, made_rig.hands, made_rig.cameras, outlines, targets, [2])

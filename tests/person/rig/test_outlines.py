@@ -12,6 +12,7 @@ from livehand.backend.person.rig.outlines import (
     covered_pixels,
     outline_of,
     outline_pairs,
+    tells_edges,
 )
 from livehand.backend.person.rig.rig_cameras import RigCameras
 from livehand.backend.surface.detail_mesh import SubdivisionLevel
@@ -39,6 +40,19 @@ def test_the_picture_s_own_edge_is_no_outline():
     outline = outline_of(region)
     assert set(outline.column.tolist()) == {29}
     assert outline_of(np.ones((60, 60), bool)).px.shape == (0, 2)
+
+
+def test_edges_before_a_bright_ground_are_not_told():
+    is_hand = disc()
+    grey = np.where(is_hand, 240, np.where(np.arange(100) < 50, 255, 60)).astype(np.uint8)
+    rgb = np.stack([grey] * 3, -1)
+    tells = tells_edges(rgb, ~is_hand)
+    outline = outline_of(is_hand)
+    is_told = tells[outline.row, outline.column]
+    assert not is_told[outline.column < 45].any()
+    assert is_told[outline.column > 55].all()
+    assert tells[~is_hand & (np.arange(100) > 60)].all()
+    assert tells[is_hand & (np.hypot(*np.indices((100, 100)) - 50) < 15)].all()  # no ground near by
 
 
 def test_the_nearest_pixel_is_of_the_same_direction():
