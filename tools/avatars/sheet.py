@@ -24,7 +24,7 @@ from ..lookdev.views import WHOLE_HANDS
 
 _TILE_PX, _FINER = 180, 2  # of a tile, and of the picture that is made small to it
 # Views of lookdev: size of a pixel of that picture, and the exposure of deep skin against that of light skin.
-_VIEWS = {"open, back": (0.55, 2.2), "open, palm": (0.55, 1.3), "fist, back": (0.36, 2.2)}
+_VIEWS = {"open, back": (0.7, 2.2), "open, palm": (0.7, 1.3), "fist, back": (0.46, 2.2)}
 _GREY, _CLEAR = 0.12, 1e-3
 
 
