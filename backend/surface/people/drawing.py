@@ -40,6 +40,7 @@ _COARSER = 4  # texels of the fine maps that make one of the coarse, along each 
 _MOST_ALBEDO = 0.92
 _VEINS, _HAIR = 31, 32  # purposes of random numbers
 _HAIR_STEP = 1 / 32
+_FILLED_MM = 0.5, 0.1  # from what fills a valley on, none of the base's slopes are left in it; and up to what all are
 
 
 class AtlasSizes(NamedTuple):
@@ -77,7 +78,9 @@ def drawn_person(hand: HandModel, look: PersonLook, base: dict[str, np.ndarray],
     arrays = _relief_arrays(template, look, sizes.fine)
     vertices = HandChart.at_vertices(template)
     arrays["vein"] = _steps(drawn_veins(vertices, lines), VEIN_STEP, np.int8).clip(0, 100)
-    padding_mm = rounded_valleys_mm(template, vertices, drawn_padding_mm(vertices, look))
+    flesh_mm = drawn_padding_mm(vertices, look)
+    padding_mm = rounded_valleys_mm(template, vertices, flesh_mm)
+    arrays["unresolved"] = _unresolved(template, base["unresolved"], padding_mm - flesh_mm)
     arrays[PADDING] = _steps(padding_mm, HEIGHT_STEP_MM, np.int8)
     arrays[DRAINS] = _steps(joint_blood(vertices, look), DRAIN_STEP, np.uint8)
     arrays |= _form_arrays(base, web_forms(vertices))
@@ -120,6 +123,13 @@ def _log_albedo(template: DetailTemplate, look: PersonLook, lines: PlaneImage, r
     smooth = replace(relief, furrow=coarse(relief.furrow))
     total = drawn_log_albedo(chart, smooth, lines.at(chart.points_mm), look) + fold_log_albedo(dorsal, palmar)
     return texels.as_map(np.minimum(total, np.log(_MOST_ALBEDO)).astype(np.float32))
+
+
+def _unresolved(template: DetailTemplate, base: np.ndarray, filled_mm: np.ndarray) -> np.ndarray:
+    """Return the slopes [2, U, U] that the surface's normals lack: the base's, but where a valley is filled none."""
+    texels = AtlasTexels.of(template.corner_uv, template.faces, base.shape[-1])
+    kept = texels.as_map(texels.at_texels(smoothstep(filled_mm, *_FILLED_MM)[:, None]))[..., 0]
+    return np.round(kept * base).astype(base.dtype)
 
 
 def _hair_share(template: DetailTemplate, look: PersonLook, base: np.ndarray) -> np.ndarray:

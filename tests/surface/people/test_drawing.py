@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
+from livehand.backend.surface.atlas_texels import AtlasTexels
 from livehand.backend.surface.base_surface import HAIR_FILE, SURFACE_FILE, base_arrays
 from livehand.backend.surface.detail_maps_file import NAIL_STEP
 from livehand.backend.surface.people.drawing import AtlasSizes, drawn_person
+from livehand.backend.surface.people.drawn_forms import drawn_padding_mm, rounded_valleys_mm
 from livehand.backend.surface.people.drawn_relief import nail_shape
 from livehand.backend.surface.people.drawn_surface import albedo_ratio_arrays
+from livehand.backend.surface.people.hand_chart import HandChart
 from livehand.backend.surface.people.look import PersonLook
 from livehand.backend.surface.stored_surface import check_arrays
 
@@ -20,7 +23,7 @@ SIZES = AtlasSizes(fine=512, ratio=256)
 @pytest.fixture(scope="module")
 def drawn():
     look = PersonLook.of(7, {"age": 35.0, "tone": 0.1})
-    return drawn_person(load_default_hand(), look, base_arrays(HAIR_FILE, SURFACE_FILE), SIZES)
+    return drawn_person(load_default_hand(), look, base_arrays(), SIZES)
 
 
 def test_surfaces_take_the_arrays(drawn):
@@ -43,6 +46,23 @@ def test_fine_maps_have_no_mean_and_go_on_beside_the_skin(drawn, texels):
     skin = texels.from_map(fine)
     assert np.array_equal(fine, texels.as_map(skin)[..., 0])
     assert abs(skin.mean()) < 0.1 * skin.std()
+
+
+def test_slopes_of_the_bases_valleys_are_not_left_where_a_person_has_them_filled(drawn, template):
+    """They were facets; others, as those of nails' rims, stay."""
+    base, found = base_arrays()["unresolved"], drawn.arrays["unresolved"]
+    chart = HandChart.at_vertices(template)
+    flesh_mm = drawn_padding_mm(chart, PersonLook.of(7, {"age": 35.0, "tone": 0.1}))
+    filled_mm = rounded_valleys_mm(template, chart, flesh_mm) - flesh_mm
+    texels = AtlasTexels.of(template.corner_uv, template.faces, base.shape[-1])
+    lowest, highest = (way(filled_mm[texels.corners], axis=1) for way in (np.min, np.max))
+    for before, after in zip(base, found, strict=True):
+        of_base, of_person = texels.from_map(before), texels.from_map(after)
+        assert np.abs(of_base[lowest > 0.5]).max() > 20
+        np.testing.assert_array_equal(of_person[lowest > 0.5], 0)
+        np.testing.assert_array_equal(of_person[highest < 0.1], of_base[highest < 0.1])
+    assert (lowest > 0.5).sum() > 100
+    assert (highest < 0.1).mean() > 0.9
 
 
 def test_nails_do_not_fade_where_charts_meet(drawn, chart, texels):
