@@ -30,7 +30,7 @@ from .tensors import surface_tensors
 MADE_BY = "livehand new-person"
 LOOK_KEY = "look"
 """Of a record's header: the person's numbers."""
-DRAWING = 8
+DRAWING = 9
 """Of how people are drawn: raise it when the same numbers give another skin."""
 _FOLDER = "people"
 _DIGITS = 12

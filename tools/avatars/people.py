@@ -42,7 +42,7 @@ PEOPLE: Mapping[Shipped, tuple[int, dict[str, float | None]]] = {
 
 
 TRAINED: Mapping[Shipped, tuple[int, dict[str, float | None]]] = {
-    "light": (101, {"age": 34, "tone": 0.0, "build": 0.7, "blood": 1.0, "freckles": 0.5, "hair": 0.7, "nails": 0.8}),
+    "light": (101, {"age": 34, "tone": 0.14, "build": 0.7, "blood": 1.1, "freckles": 0.5, "hair": 0.7, "nails": 0.8}),
     "middle": (102, {"age": 29, "tone": 0.42, "build": 0.2, "blood": 1.0, "freckles": 0.2, "hair": 0.1, "nails": 1.2}),
     "deep": (103, {"age": 58, "tone": 1.0, "build": 0.7, "blood": 1.0, "freckles": 0.3, "hair": 0.5, "nails": 0.8}),
 }
