@@ -146,8 +146,8 @@ def _yellow(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray
     """Compute how much yellower [T]: patches, thick skin at the fingers' roots, and age."""
     d = plane(chart.points_mm)[:, 0]
     thick = chart.palm * (bump(d - 84, 6.0) * (1 - chart.on_digit) + 0.4 * chart.on_digit)
-    patches = noise.smooth(chart.points_mm[:, [0, 2, 1]], 24.0, 2)
-    return 0.1 * patches + 0.3 * thick + 0.15 * look.aged
+    patches = noise.smooth(chart.points_mm[:, [0, 2, 1]], 15.0, 2)
+    return 0.15 * patches + 0.3 * thick + 0.15 * look.aged
 
 
 def _pigment(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:
