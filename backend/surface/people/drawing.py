@@ -16,7 +16,6 @@ from torch.nn.functional import avg_pool2d, conv2d, interpolate
 from ...hand.model import HandModel
 from ..atlas_texels import AtlasTexels
 from ..blood import DRAIN_STEP, DRAINS
-from ..detail_maps import DORSAL_SHADE, PALMAR_SHADE
 from ..detail_maps_file import (
     ATLAS_MM,
     COARSEST_MM,
@@ -28,7 +27,7 @@ from ..detail_maps_file import (
 )
 from ..detail_mesh import DetailTemplate
 from ..detail_surface import HEIGHT_STEP_MM, PADDING, VEIN_STEP, PoseForm, load_detail_surface
-from .drawn_albedo import drawn_log_albedo, fold_log_albedo, joint_blood
+from .drawn_albedo import drawn_log_albedo, joint_blood, with_folds
 from .drawn_forms import drawn_padding_mm, drawn_veins, rounded_valleys_mm, web_forms
 from .drawn_relief import drawn_relief
 from .hand_chart import HandChart, smoothstep
@@ -37,7 +36,6 @@ from .skin_lines import PlaneImage, veins
 from .solid_noise import SolidNoise
 
 _COARSER = 4  # texels of the fine maps that make one of the coarse, along each side
-_MOST_ALBEDO = 0.92
 _VEINS, _HAIR = 31, 32  # purposes of random numbers
 _HAIR_STEP = 1 / 32
 _FILLED_MM = 0.5, 0.1  # from what fills a valley on, none of the base's slopes are left in it; and up to what all are
@@ -119,10 +117,9 @@ def _log_albedo(template: DetailTemplate, look: PersonLook, lines: PlaneImage, r
     chart = HandChart.at_texels(template, texels)
     relief = drawn_relief(chart, look)
     coarse = _Bands.of(texels).blurred
-    dorsal, palmar = coarse(relief.dorsal) * DORSAL_SHADE, coarse(relief.palmar) * PALMAR_SHADE
     smooth = replace(relief, furrow=coarse(relief.furrow))
-    total = drawn_log_albedo(chart, smooth, lines.at(chart.points_mm), look) + fold_log_albedo(dorsal, palmar)
-    return texels.as_map(np.minimum(total, np.log(_MOST_ALBEDO)).astype(np.float32))
+    skin = drawn_log_albedo(chart, smooth, lines.at(chart.points_mm), look)
+    return texels.as_map(with_folds(skin, coarse(relief.dorsal), coarse(relief.palmar)))
 
 
 def _unresolved(template: DetailTemplate, base: np.ndarray, filled_mm: np.ndarray) -> np.ndarray:

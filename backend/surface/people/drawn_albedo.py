@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..blood import PIGMENTED_LOG_ALBEDO, PLACE_LOG_ALBEDO
+from ..detail_maps import DORSAL_SHADE, PALMAR_SHADE
 from ..shading_detail import FOLD_LOG_ALBEDO
 from .drawn_relief import DrawnRelief
 from .hand_chart import THUMB, HandChart, bump, smoothstep
@@ -38,6 +39,7 @@ _ARM_PALM, _WRIST_MM, _SOFT_WRIST_MM = 0.35, (-26.0, 4.0), (-58.0, 14.0)  # of t
 _COARSE_FOLD = np.float32(0.65)  # of the folds' colour: blurred, all of it is too much
 # How much more blood shows as much redness through deep pigment as through light.
 _BELOW_PIGMENT = 0.7
+_MOST_ALBEDO = 0.92
 _LEAST_BLOOD = -0.34  # against the mean: paler skin would be grey
 _SOFT, _SOFT_MEAN = 0.12, 0.03  # how softly it is approached, and what that adds in the mean
 _MOON = np.array([0.55, 0.5, 0.1, 0.3, 1.0], np.float32)  # how large half-moons are, by digit
@@ -82,9 +84,11 @@ def _web(chart: HandChart) -> np.ndarray:
     return bump(np.hypot((d - 66) / 17, (r - 29) / 15), 0.9) * smoothstep(chart.normals[:, 1], -0.85, -0.35)
 
 
-def fold_log_albedo(dorsal: np.ndarray, palmar: np.ndarray) -> np.ndarray:
-    """Compute by how much [T, 3] folds are darker than the skin beside them."""
-    return (dorsal + palmar)[:, None] * (_COARSE_FOLD * np.array(FOLD_LOG_ALBEDO, np.float32))
+def with_folds(log_albedo: np.ndarray, dorsal: np.ndarray, palmar: np.ndarray) -> np.ndarray:
+    """Darken the skin [T, 3] in folds and creases of these depths [T], 1 at the deepest; nothing reflects all light."""
+    shade = dorsal * DORSAL_SHADE + palmar * PALMAR_SHADE
+    folds = shade[:, None] * (_COARSE_FOLD * np.array(FOLD_LOG_ALBEDO, np.float32))
+    return np.minimum(log_albedo + folds, np.log(_MOST_ALBEDO)).astype(np.float32)
 
 
 def _blood(chart: HandChart, noise: SolidNoise, look: PersonLook) -> np.ndarray:

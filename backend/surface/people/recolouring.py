@@ -12,15 +12,16 @@ from torch.nn.functional import interpolate
 from ...hand.model import HandModel
 from ..atlas_texels import AtlasTexels
 from ..base_surface import COARSE_FILE, FINE_FILE, SURFACE_FILE, base_arrays
-from ..detail_maps import DORSAL_SHADE, PALMAR_SHADE
 from ..detail_maps_file import FOLD_STEP
 from ..detail_mesh import DetailTemplate
 from ..detail_surface import VEIN_STEP, load_detail_surface
-from .drawn_albedo import drawn_log_albedo, fold_log_albedo
+from .drawn_albedo import drawn_log_albedo, with_folds
 from .drawn_relief import BASE_NAIL_EXPONENTS, DrawnRelief, nail_shape
 from .drawn_surface import albedo_ratio_arrays
 from .hand_chart import HandChart
 from .look import PersonLook
+
+_FOLDS = "dorsal", "palmar"
 
 
 def recoloured_arrays(
@@ -44,12 +45,8 @@ def recoloured_arrays(
     none = np.zeros_like(dorsal)
     relief = DrawnRelief(none, dorsal, palmar, none, nail_shape(chart, BASE_NAIL_EXPONENTS).rim, none)
     vein = texels.at_texels(base["vein"][:, None] * np.float32(VEIN_STEP))[:, 0]
-    folds = fold_log_albedo(coarse["dorsal"] * DORSAL_SHADE, coarse["palmar"] * PALMAR_SHADE)
-    log_albedo = drawn_log_albedo(chart, relief, vein, look) + folds
-    return albedo_ratio_arrays(texels.as_map(log_albedo.astype(np.float32)), network_albedo)
-
-
-_FOLDS = "dorsal", "palmar"
+    skin = drawn_log_albedo(chart, relief, vein, look)
+    return albedo_ratio_arrays(texels.as_map(with_folds(skin, coarse["dorsal"], coarse["palmar"])), network_albedo)
 
 
 def _at(texels: AtlasTexels, steps: np.ndarray) -> np.ndarray:
