@@ -54,5 +54,5 @@ def check_avatar_path(path: Path) -> None:
 
 
 def avatar_path(name: str) -> Path:
-    """Return the file of the shipped avatar of this name; any other name is a path."""
-    return next((shipped_avatar_path(skin) for skin in SHIPPED if skin == name), Path(name))
+    """Return the file of the shipped avatar of this name, or of its person's; any other name is a path."""
+    return next((shipped_avatar_path(skin) for skin in SHIPPED if name in (skin, PERSONS[skin])), Path(name))

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 _SHEET_VIEWS = 24
 _SEVERAL = ("held_out", "all")  # names of several splits together
 _LEFT_OUT = "they do not show the hand, no light reaches what they show, or --max-train-view-angle is less than theirs"
+_OTHER_SKIN = (
+    "the capture shows another skin or surface than the avatar's, which the figures count, too; to measure the avatar "
+    "alone, capture its own: livehand capture --person AVATAR"
+)
 _NO_FLIP = 'FLIP was not measured: it needs the package flip-evaluator; pip install "livehand[metrics]"'
 
 
@@ -84,7 +88,7 @@ def _run(args: argparse.Namespace) -> dict:
     from ..capture.capture import load_capture
     from ..hand.model_file import DEFAULT_HAND, load_hand_model
     from ..render.renderer import Renderer
-    from .evaluate import check_any, scored_views
+    from .evaluate import check_any, scored_views, shows_other_skin
     from .report import by_light, by_split, summary, summary_tables
     from .sheets import SheetViews
 
@@ -107,7 +111,8 @@ def _run(args: argparse.Namespace) -> dict:
     check_any(scores, capture)
     total, splits, lights = summary(scores), by_split(scores), by_light(scores)
     lines = {**lights, **(splits if args.split in _SEVERAL else {}), args.split: total}
-    text = "\n".join([summary_tables(lines), *_notes(total, len(views), lpips_note(args))])
+    is_other = shows_other_skin(capture, renderer.avatar)
+    text = "\n".join([summary_tables(lines), *_notes(total, len(views), is_other, lpips_note(args))])
     if args.output:
         _write_results(args, scores, (total, splits, lights), text)
         sheets.save(args.output)
@@ -137,10 +142,11 @@ def _distances(args: argparse.Namespace, device: torch.device) -> list[Distance]
     return found + lpips_of(args, device)
 
 
-def _notes(total: Summary, view_count: int, lpips: str | None) -> list[str]:
+def _notes(total: Summary, view_count: int, is_other: bool, lpips: str | None) -> list[str]:
     """Word what the tables do not tell."""
     left_out = view_count - int(total["images"])
     notes = [f"{left_out} of {view_count} views were left out: {_LEFT_OUT}"] if left_out else []
+    notes += [_OTHER_SKIN] if is_other else []
     notes += [] if "flip" in total else [_NO_FLIP]
     notes += [lpips] if lpips else []
     return ["", *notes] if notes else []

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from ..avatars.avatar import Avatar
 from ..capture.capture import Capture, CaptureView, Split
 from ..hand.lbs import posed_vertices
 from ..image.decode import straight_srgb
@@ -16,6 +17,8 @@ from ..records.errors import LiveHandError
 from ..records.frame import Frame
 from ..records.light import Light
 from ..records.shot import Shot
+from ..surface.base_surface import whole_surface
+from ..surface.surface_file import surface_sha256
 from .contrast_bands import contrast_figures
 from .distances import Distance
 from .exposure import exposed, exposure_gain, is_reached
@@ -119,6 +122,13 @@ def rendered_pair(renderer: ShotRenderer, shot: Shot, truth: np.ndarray, is_lit:
         return truth, encoded_on_black(frame)
     gain = exposure_gain(truth)
     return exposed(truth, gain), exposed(_linear_of(frame), gain)
+
+
+def shows_other_skin(capture: Capture, avatar: Avatar) -> bool:
+    """Tell whether the capture is known to show another surface or skin than the avatar's; False: it is not known."""
+    if capture.surface is None or avatar.surface is None:
+        return False
+    return surface_sha256(whole_surface(avatar.surface)) != capture.surface.sha256
 
 
 def check_any(scores: Sequence, capture: Capture) -> None:

@@ -61,6 +61,11 @@ def test_a_record_tells_what_users_choose_by_and_is_small(name, hand):
     assert path.stat().st_size < 40_000
 
 
+def test_an_avatar_is_found_by_its_name_and_by_its_persons():
+    for name in SHIPPED:
+        assert avatar_path(name) == avatar_path(PERSONS[name]) == shipped_avatar_path(name)
+
+
 def test_pictures_of_each_have_an_origin_of_their_own():
     assert len({read_origin(shipped_avatar_path(name)).payload for name in SHIPPED}) == len(SHIPPED)
 

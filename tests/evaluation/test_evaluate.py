@@ -12,9 +12,10 @@ import torch
 from livehand.backend.avatars.avatar import AvatarConfig, new_avatar
 from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
-from livehand.backend.capture.capture import save_capture_index
+from livehand.backend.capture.capture import SurfaceReference, save_capture_index
 from livehand.backend.capture.exr import write_exr
 from livehand.backend.capture.lights import CaptureLight
+from livehand.backend.capture.person import PERSONS
 from livehand.backend.evaluation.contact_sheet import (
     BACKGROUND,
     comparison_sheet,
@@ -35,6 +36,8 @@ from livehand.backend.records.frame import Frame
 from livehand.backend.records.light import Lamp, Light
 from livehand.backend.records.shot import Shot
 from livehand.backend.render.renderer import Renderer
+from livehand.backend.surface.base_surface import surface_of_person, whole_surface
+from livehand.backend.surface.surface_file import surface_sha256, write_surface
 from livehand.backend.system.command import run_commands
 from livehand.livehand_blender.cli import COMMANDS
 from livehand.tests.builders import scores_of
@@ -202,6 +205,19 @@ def test_the_command_tells_how_many_views_were_left_out(lit_capture, avatar_path
     write_exr(folder / view.file, {name: pixels[..., k] for k, name in enumerate("RGBA")})
     assert evaluate(*arguments) == 0
     assert "1 of 8 views were left out" in capsys.readouterr().out
+
+
+def test_the_command_says_when_a_capture_shows_another_skin(hand, lit_capture, tmp_path, capsys):
+    worn, numbers = load_avatar(shipped_avatar_path()).surface, surface_of_person(PERSONS["light"], hand.sha256)
+    folder = tmp_path / "capture"
+    shutil.copytree(lit_capture.folder, folder)
+    for surface, is_other in ((worn, False), (numbers, True)):
+        shown = whole_surface(surface)
+        write_surface(folder / "surface.npz", shown)
+        reference = SurfaceReference("surface.npz", surface_sha256(shown))
+        save_capture_index(replace(lit_capture, folder=folder, surface=reference))
+        assert evaluate(folder, "--device", "cpu", "--max-images", 1) == 0
+        assert ("another skin" in capsys.readouterr().out) == is_other
 
 
 def test_the_command_lists_kinds_of_light_and_contrast(lit_capture, avatar_path, tmp_path, capsys):
