@@ -26,6 +26,7 @@ from ..image.shading import SurfaceDepth, at_full_size, neighbours
 from ..light.indirect_diffuse import MeshPoints, MeshPointsOf
 from ..light.lighting import SurfacePoints
 from ..surface.detail_mesh import DetailMesh
+from ..surface.hole_filling import own_share
 from ..surface.ray_hits import RayHits
 
 STANDS_OUT_M, EDGE_M = 0.0006, 0.003
@@ -227,6 +228,8 @@ def surface_points(
 ) -> SurfacePoints:
     """Make points with the normals that were gathered along the rays.
 
+    Rays that are all but transparent where they meet the surface gathered next to nothing: they have its normal.
+
     Args:
         field: whose rays they are.
         gathered: along the rays.
@@ -239,6 +242,8 @@ def surface_points(
     normal = normal.detach()
     if hits is not None:
         normal = torch.where(hits.depth.isfinite()[:, None], hits.normal, normal)
+        own = own_share(gathered.alpha.detach(), hits)[:, None]
+        relief_normal = torch.where(own < 1, normalize(torch.lerp(normal, relief_normal, own), dim=-1), relief_normal)
     return SurfacePoints(position, normal, relief_normal, view, hit_points)
 
 

@@ -59,8 +59,7 @@ def inpaint(
         hits: with the surface; what misses it stays.
         edge_m: depths that differ by more are of other parts.
     """
-    meets = hits.depth.isfinite()
-    own = torch.where(meets, ((low.alpha - CLEAR) / (OPAQUE - CLEAR)).clamp(0, 1), 1)
+    own = own_share(low.alpha, hits)
     clear = (own < 1).nonzero()[:, 0]
     if len(clear) == 0:
         return low
@@ -81,6 +80,11 @@ def inpaint(
         channels=low.channels.index_put((clear,), (colours * opacity).to(low.channels.dtype)),
         alpha=low.alpha.index_put((clear,), opacity[:, 0].to(low.alpha.dtype)),
     )
+
+
+def own_share(alpha: Float[Tensor, " R"], hits: RayHits) -> Float[Tensor, " R"]:
+    """Return how much rays of these opacities count for what they gathered; all that miss the surface count whole."""
+    return torch.where(hits.depth.isfinite(), ((alpha - CLEAR) / (OPAQUE - CLEAR)).clamp(0, 1), 1)
 
 
 def drop_outliers(

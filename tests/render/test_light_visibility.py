@@ -267,6 +267,20 @@ def test_light_falls_on_the_normals_of_a_known_surface_where_rays_meet_it():
     torch.testing.assert_close(unknown.normal, torch.tensor([[0.0, 0, 1]] * 2))
 
 
+def test_clear_rays_have_the_normal_of_the_surface_that_they_meet():
+    """What they gathered is divided by next to nothing; a ray with none of it would get no light."""
+    field = RelightableField(FieldConfig(planes=((48, 3, 2), (64, 1, 4)), relief=32, light="linear"))
+    alpha, surface = torch.tensor([0.0, 0.5, 0.8, 0.1]), torch.tensor([1.0, 0, 0])
+    channels = torch.zeros(4, field.near_channels + 6)
+    channels[:, field.normal_slice] = alpha[:, None] * torch.tensor([0.0, 3, 0])
+    composite = Composite(channels, alpha, alpha, alpha[:, None])
+    rest = torch.zeros(4, 3), torch.zeros(4, 3), MeshPoints(torch.zeros(4, 3, dtype=torch.long), torch.zeros(4, 3))
+    hits = RayHits(torch.tensor([0.5, 0.5, 0.5, INF]), surface * torch.tensor([[1.0], [1], [1], [0]]))
+    relief_normal = surface_points(field, composite, *rest, hits).relief_normal
+    half = 0.5**0.5
+    torch.testing.assert_close(relief_normal, torch.tensor([[1.0, 0, 0], [half, half, 0], [0, 1, 0], [0, 1, 0]]))
+
+
 def test_rays_are_on_the_mesh_unless_a_known_surface_shows_another_part(posed):
     """By 1 mm it is another place of the same part; beside the mesh, or before another part, the surface tells."""
     camera = camera_tensors(Camera(np.eye(3), np.diag([1.0, -1, -1, 1]), SIZE), "cpu")

@@ -108,6 +108,16 @@ def _unit(vector: wp.vec3) -> wp.vec3:
 
 @part
 @no_type_check
+def _own_share(alpha: float, hit_m: float) -> float:
+    """Compute how much a ray counts for what it gathered, as `surface.hole_filling.own_share`."""
+    share = wp.float32(1.0)
+    if wp.isfinite(hit_m):
+        share = wp.clamp((alpha - _CLEAR) / (_OPAQUE - _CLEAR), 0.0, 1.0)
+    return share
+
+
+@part
+@no_type_check
 def _shown_behind(t: Floats2, weights: Floats2, ray: int, middle: float) -> bool:
     """Return whether most of a ray's opacity lies behind a depth."""
     behind = wp.float32(0.0)
@@ -192,16 +202,9 @@ def meet_skin(
     normal[ray] = _unit(smooth)
     if meets:
         normal[ray] = hit_normal[at]
-
-
-@part
-@no_type_check
-def _own_share(alpha: float, hit_m: float) -> float:
-    """Compute how much a ray counts for its own colours, as `surface.hole_filling.inpaint`."""
-    share = wp.float32(1.0)
-    if wp.isfinite(hit_m):
-        share = wp.clamp((alpha - _CLEAR) / (_OPAQUE - _CLEAR), 0.0, 1.0)
-    return share
+        own = _own_share(alpha[ray], hit)
+        if own < 1.0:
+            relief_normal[ray] = _unit(own * relief_normal[ray] + (1.0 - own) * hit_normal[at])
 
 
 @kernel
