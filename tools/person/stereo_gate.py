@@ -1,8 +1,8 @@
 """Measure poses of a film from one camera against two: `python -m livehand.tools.person.stereo_gate FOLDER`.
 
 FOLDER holds two films of one hand at the same moments, `cam0_test.mp4` and `cam1_test.mp4`, and their calibrations,
-`c0.dat` and `rot_trans_c0.dat` (gate 9). The truth is triangulated from the same tracker's points in both films and
-smoothed, so that it shares the tracker's mistakes.
+`c0.dat` and `rot_trans_c0.dat` (gate 9). The truth is made of the same tracker's points in both films, with bones of
+constant length, and smoothed, so that it shares the tracker's mistakes.
 """
 
 from __future__ import annotations
@@ -12,20 +12,16 @@ import sys
 from collections.abc import Sequence
 from math import degrees
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import gaussian_filter1d
 
-from ...backend.capture.masks.mask import load_opencv
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.motion.landmarks.lifting import mediapipe_lifting
 from ...backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton, landmarks_of
 from ...backend.motion.landmarks.take_file import FilmedTake
 from ...backend.motion.landmarks.take_fit import sighted
-from ...backend.person.rig.triangulation import triangulated
 from ...backend.records.side import Side
 from ...backend.tracking.sighted_take import filmed_take, frames_of_film
 from ...backend.tracking.takes import track_frames
@@ -35,29 +31,11 @@ from ...backend.tracking.turning_hand.take_shape import fit_with_shape
 from ...backend.tracking.video import open_video
 from ...backend.tracking.weights import load_networks
 from .gates import Gate
-
-_CHAINS = np.array([[0, *range(first, first + 4)] for first in range(1, 21, 4)])
-_PALM = 0, 9  # wrist and the middle finger's knuckle
-_SMOOTH_FRAMES = 1.5
-
-
-class CalibratedLens(NamedTuple):
-    """A calibrated camera: K, OpenCV's distortion, and world to camera [3, 4]."""
-
-    K: np.ndarray
-    distortion: np.ndarray
-    world2cam: np.ndarray
-
-
-class Path3D(NamedTuple):
-    """Landmarks of a hand in MediaPipe's order: points [T, 21, 3], and the frames [T] of the film."""
-
-    points: np.ndarray
-    frames: np.ndarray
+from .stereo_truth import CHAINS, CalibratedLens, Path3D, StereoTruth, stereo_truth
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the figures of both cameras, and of the truth itself."""
+    """Print the gates of both cameras, and what tells how good the truth is."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, help="of films and calibrations")
     folder, hand = parser.parse_args(arguments).folder, load_default_hand()
@@ -65,11 +43,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     takes = [_take(folder / f"cam{index}_test.mp4", lens) for index, lens in enumerate(lenses)]
     side = hand_to_capture(takes[0], None)
     fits = [_fitted(take, side, hand) for take in takes]
-    truth = _truth([_points_px(take, side, hand) for take in takes], lenses, fits[0])
+    truth = stereo_truth([_points_px(take, side, hand) for take in takes], lenses, fits[0])
     for index, fit in enumerate(fits):
-        for gate in gates_of(fit, truth):
+        for gate in gates_of(fit, truth.constant):
             sys.stdout.write(f"camera {index}: {gate.line()}\n")
-    sys.stdout.write(f"the truth's own jitter, mm/frame^2: {jitter_mm(truth):.2f}\n")
+    for row in information_of(fits, truth):
+        sys.stdout.write(f"{row.line().rstrip()}\n")
 
 
 def read_lens(folder: Path, index: int) -> CalibratedLens:
@@ -109,44 +88,44 @@ def _points_px(take: FilmedTake, side: Side, hand: HandModel) -> tuple[np.ndarra
     return px, rows + int(found.frames[0])
 
 
-def _truth(seen: Sequence[tuple[np.ndarray, np.ndarray]], lenses: Sequence[CalibratedLens], like: Path3D) -> Path3D:
-    """Triangulate what both films show, in metres by the palm's length of a fit, smoothed over time."""
-    frames = np.intersect1d(seen[0][1], seen[1][1])
-    straight = [straightened(px[np.isin(rows, frames)], lens) for (px, rows), lens in zip(seen, lenses, strict=True)]
-    matrices = np.stack([lens.world2cam for lens in lenses])
-    px = np.stack(straight, 1)
-    points = triangulated(np.broadcast_to(matrices, (len(frames), 2, 3, 4)), px, np.ones(px.shape[:-1]))
-    points = points * (_palm(like.points) / _palm(points))
-    return Path3D(gaussian_filter1d(points, _SMOOTH_FRAMES, axis=0), frames)
-
-
-def straightened(px: Float[np.ndarray, "T N 2"], lens: CalibratedLens) -> Float[np.ndarray, "T N 2"]:
-    """Take a lens' distortion and intrinsics from points."""
-    cv2 = load_opencv()
-    flat = cv2.undistortPoints(px.reshape(-1, 1, 2), lens.K, lens.distortion)
-    return np.asarray(flat).reshape(px.shape)
-
-
-def _palm(points: np.ndarray) -> float:
-    return float(np.median(np.linalg.norm(points[:, _PALM[0]] - points[:, _PALM[1]], axis=-1)))
-
-
 def gates_of(fit: Path3D, truth: Path3D) -> list[Gate]:
     """Measure a fit in the frames that the truth has, too."""
-    frames = np.intersect1d(fit.frames, truth.frames)
-    ours, true = (path.points[np.isin(path.frames, frames)] for path in (fit, truth))
-    off_deg = np.degrees(np.abs(bends_rad(ours) - bends_rad(true)))
-    off_mm = [1000 * np.linalg.norm(aligned(a, b) - b, axis=-1).mean() for a, b in zip(ours, true, strict=True)]
+    bends_deg, joints_mm = off_by(fit, truth)
     return [
-        Gate("9 bends off by, deg", float(off_deg.mean()), most=7),
-        Gate("9 joints off by after similarity (PA), mm", float(np.mean(off_mm)), most=7),
+        Gate("9 bends off by, deg", bends_deg, most=7),
+        Gate("9 joints off by after similarity (PA), mm", joints_mm, most=7),
         Gate("9 jitter, mm/frame^2", jitter_mm(fit), most=1),
     ]
 
 
+def information_of(fits: Sequence[Path3D], truth: StereoTruth) -> list[Gate]:
+    """Measure what tells how far to trust the gates, of two cameras' fits; nothing is asked of it."""
+    rows = []
+    for index, fit in enumerate(fits):
+        bends_deg, joints_mm = off_by(fit, truth.plain)
+        rows.append(Gate(f"camera {index}: bends off plain triangulation, deg", bends_deg))
+        rows.append(Gate(f"camera {index}: PA off plain triangulation, mm", joints_mm))
+    return [
+        *rows,
+        Gate("the two cameras' bends differ by, deg", off_by(*fits)[0]),
+        Gate("plain triangulation's bones vary by, mm", bones_vary_mm(truth.plain)),
+        Gate("the truth's bones vary by, mm", bones_vary_mm(truth.constant)),
+        Gate("the truth's own jitter, mm/frame^2", jitter_mm(truth.constant)),
+    ]
+
+
+def off_by(path: Path3D, other: Path3D) -> tuple[float, float]:
+    """Compare bends, deg, and joints after similarity, mm, in the frames that both have."""
+    frames = np.intersect1d(path.frames, other.frames)
+    ours, true = (each.points[np.isin(each.frames, frames)] for each in (path, other))
+    off_deg = np.degrees(np.abs(bends_rad(ours) - bends_rad(true)))
+    off_mm = [1000 * np.linalg.norm(aligned(a, b) - b, axis=-1).mean() for a, b in zip(ours, true, strict=True)]
+    return float(off_deg.mean()), float(np.mean(off_mm))
+
+
 def bends_rad(points: Float[np.ndarray, "T 21 3"]) -> Float[np.ndarray, "T 5 3"]:
     """Compute the angles between bones that follow one another."""
-    bones = np.diff(points[:, _CHAINS], axis=2)
+    bones = np.diff(points[:, CHAINS], axis=2)
     bones = bones / np.linalg.norm(bones, axis=-1, keepdims=True)
     return np.arccos((bones[:, :, 1:] * bones[:, :, :-1]).sum(-1).clip(-1, 1))
 
@@ -166,6 +145,12 @@ def jitter_mm(path: Path3D) -> float:
     second = about[2:] - 2 * about[1:-1] + about[:-2]
     follow: Bool[np.ndarray, " T"] = (path.frames[2:] - path.frames[:-2]) == 2
     return float(np.linalg.norm(second[follow], axis=-1).mean())
+
+
+def bones_vary_mm(path: Path3D) -> float:
+    """Compute the standard deviation over time of a bone's length, as a mean over the bones."""
+    bones = np.diff(path.points[:, CHAINS], axis=2)
+    return float(1000 * np.linalg.norm(bones, axis=-1).std(0).mean())
 
 
 if __name__ == "__main__":

@@ -1,18 +1,19 @@
-"""Two cameras' truth: lenses are read, points triangulated come back, and figures are those of closed forms."""
+"""Poses against two cameras' truth: lenses are read, and figures are those of closed forms."""
 
 import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.tools.person.stereo_gate import (
-    CalibratedLens,
-    Path3D,
     aligned,
     bends_rad,
+    bones_vary_mm,
     gates_of,
+    information_of,
     jitter_mm,
+    off_by,
     read_lens,
-    straightened,
 )
+from livehand.tools.person.stereo_truth import CHAINS, Path3D, StereoTruth
 
 TURN = axis_angle_to_matrix(np.array([0.3, -0.8, 0.5]))
 
@@ -30,14 +31,6 @@ def test_a_lens_is_read_with_what_its_words_name(tmp_path):
     np.testing.assert_allclose(lens.K, [[900, 0, 350], [0, 910, 355], [0, 0, 1]])
     np.testing.assert_allclose(lens.distortion, [0.1, 0.2, 0.3, 0.4, 0.5])
     np.testing.assert_allclose(lens.world2cam, np.c_[TURN, [1, 2, 3]])
-
-
-def test_a_lens_without_distortion_only_scales():
-    cv2 = pytest.importorskip("cv2")
-    assert cv2
-    lens = CalibratedLens(np.array([[900.0, 0, 350], [0, 910, 355], [0, 0, 1]]), np.zeros(5), np.eye(3, 4))
-    flat = np.random.default_rng(1).uniform(-0.3, 0.3, (2, 5, 2))
-    np.testing.assert_allclose(straightened(flat * [900, 910] + [350, 355], lens), flat, atol=1e-9)
 
 
 def test_a_similarity_is_taken_out(points):
@@ -70,3 +63,31 @@ def test_a_fit_is_measured_in_the_frames_of_both(points):
     fit = Path3D(points[2:] @ TURN.T, np.arange(2, 6))
     bends, joints, _ = (gate.value for gate in gates_of(fit, truth))
     assert (bends, joints) == pytest.approx((0, 0), abs=1e-5)
+
+
+def test_bones_vary_by_their_standard_deviation(points):
+    still = np.repeat(points[:1], 4, 0)
+    assert bones_vary_mm(Path3D(still, np.arange(4))) == pytest.approx(0, abs=1e-9)
+    length = np.linalg.norm(points[0, 3] - points[0, 4])
+    still[:, 4] = still[:, 3] + np.array([[0.98], [1.02], [0.98], [1.02]]) * (still[:, 4] - still[:, 3])
+    assert bones_vary_mm(Path3D(still, np.arange(4))) == pytest.approx(0.02 * 1000 * length / 20)
+
+
+def test_what_is_told_beside_the_gates_asks_nothing(points):
+    frames = np.arange(6)
+    bent = points.copy()
+    bent[:, CHAINS[1, -1]] += 0.02
+    fits = [Path3D(points, frames), Path3D(bent, frames)]
+    rows = information_of(fits, StereoTruth(plain=Path3D(points, frames), constant=Path3D(2 * points, frames)))
+    assert [row.passes for row in rows] == [None] * 8
+    assert [row.value for row in rows] == pytest.approx(
+        [
+            0,
+            0,
+            *off_by(fits[1], fits[0]),
+            off_by(*fits)[0],
+            *(k * bones_vary_mm(fits[0]) for k in (1, 2)),
+            2 * jitter_mm(fits[0]),
+        ],
+        abs=1e-5,
+    )
