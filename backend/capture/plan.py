@@ -84,7 +84,7 @@ class CapturePlan:
         poses = _sample_poses(rng, forearms, model, np.array(self.person.beta))
         size = _relative_size(model)
         views = _spread_views(self, _sample_cameras(rng, self, size, model.has_arm))
-        lit = LitViews(views, ()) if self.lights == "dome" else light_views(views, self.seed, size)
+        lit = LitViews(views, ()) if self.lights == "dome" else light_views(views, self.seed, size, model, poses)
         if self.first_poses is not None:
             lit = of_first_poses(lit, self.first_poses)
         return Capture(folder, model.sha256, provenance, poses, lit.views, lit.lights)
@@ -259,19 +259,26 @@ class LitViews(NamedTuple):
     lights: tuple[CaptureLight, ...]
 
 
-def light_views(views: Sequence[CaptureView], seed: int, hand_size: float) -> LitViews:
+def light_views(
+    views: Sequence[CaptureView], seed: int, hand_size: float, model: HandModel, poses: Sequence[HandPose]
+) -> LitViews:
     """Give each view a light: a training view becomes one of each light group, a held-out view stays one.
 
     Args:
         views: of the capture; a `novel_light` view may show what a training view shows.
         seed: of the lights.
         hand_size: relative to the built-in hand's.
+        model: of the hand.
+        poses: that the views show.
     """
+    from ..hand.lbs import posed_vertices  # needs torch, which the command's help does not
+
     lit, lights = [], []
     training = 0
+    skins_m = [posed_vertices(model, pose) for pose in poses]
     kinds = {split: iter(_held_out_kinds(views, split, seed)) for split in get_args(Split) if split != "train"}
     for view in views:
-        drawing = LightDrawing(_generator(view, seed), _towards(view), hand_size)
+        drawing = LightDrawing(_generator(view, seed), _towards(view), hand_size, skins_m[view.pose_index])
         if view.split == "train":
             groups = light_groups(drawing.training_light(training % _OCCLUDER_STEP == _FIRST_OCCLUDED))
             training += 1

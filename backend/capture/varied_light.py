@@ -6,7 +6,7 @@ A light's brightness is the pixel value of a white surface that faces it: E / pi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -25,7 +25,7 @@ GROUPS = ("sky", "lamp", "lamps")
 # Of the built-in hand, whose surface lies within 0.147 m of the origin; lengths scale with the size of another hand.
 _NEAREST_M, _FARTHEST_M = 0.35, 2.0  # lamps
 _SLAB_M, _WALL_M = (0.17, 0.24), (0.17, 0.26)  # distances of occluders
-_THICKNESS_M = 0.012
+_THICKNESS_M, _CLEARANCE_M = 0.012, 0.01  # of them, and from the skin
 # Luminance of Rec.709.
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
@@ -38,11 +38,13 @@ class LightDrawing:
         rng: of every choice.
         towards_camera: [3] unit direction from the hand to the image's camera.
         size: of the hand, relative to the built-in hand's.
+        skin_m: [N, 3] points of the hand, through which no slab or wall goes, as an arm would; m, world.
     """
 
     rng: np.random.Generator
     towards_camera: np.ndarray
     size: float = 1.0
+    skin_m: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
 
     def training_light(self, has_occluder: bool) -> CaptureLight:
         """Draw a light of one of the kinds of training, with a slab or a wall or without; the dome stands free."""
@@ -196,14 +198,28 @@ class LightDrawing:
         across = self._perpendicular(towards)
         half = np.array([0.16, 0.22, _THICKNESS_M / 2])
         centre = towards * self.rng.uniform(*_SLAB_M) + across * (half[0] + self.rng.uniform(-0.03, 0.03))
-        return box_triangles(centre, np.stack([across, np.cross(towards, across), towards]), half) * self.size
+        return self._beyond_skin(centre, np.stack([across, np.cross(towards, across), towards]), half)
 
     def _wall(self, side: np.ndarray) -> np.ndarray:
         """Return a wall [12, 3, 3] on one side of the hand, facing it."""
         across = self._perpendicular(side)
         half = np.array([*self.rng.uniform(0.2, 0.4, 2), _THICKNESS_M / 2])
         centre = side * (self.rng.uniform(*_WALL_M) + half[2])
-        return box_triangles(centre, np.stack([across, np.cross(side, across), side]), half) * self.size
+        return self._beyond_skin(centre, np.stack([across, np.cross(side, across), side]), half)
+
+    def _beyond_skin(self, centre: np.ndarray, axes: np.ndarray, half: np.ndarray) -> np.ndarray:
+        """Build a box [12, 3, 3], moved along its last axis until all of the skin that it covers is before it.
+
+        Args:
+            centre: [3] of the built-in hand's.
+            axes: [3, 3] unit, in rows.
+            half: [3] sides.
+        """
+        centre, half = centre * self.size, half * self.size
+        at = (self.skin_m - centre) @ axes.T
+        is_covered = (np.abs(at[:, :2]) < half[:2] + _CLEARANCE_M).all(1)
+        reach = at[is_covered, 2].max(initial=-np.inf) + half[2] + _CLEARANCE_M
+        return box_triangles(centre + max(reach, 0.0) * axes[2], axes, half)
 
     def _with_occluder(self, drawn: CaptureLight, triangles: np.ndarray, albedo: np.ndarray) -> CaptureLight:
         light, colour = drawn.light, np.clip(albedo, 0, 0.9)

@@ -94,6 +94,36 @@ def test_the_block_hides_half_of_the_hand_and_touches_it_nowhere(seed):
     assert np.ptp(block.light.occluder_albedo[:12]) == 0
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_no_arm_goes_through_a_block(seed):
+    """One that reaches through slab and wall moves them out along their normals; one beside them moves nothing."""
+    plain = drawn("block", seed)
+    slab, wall = plain.light.occluders[:12], plain.light.occluders[12:]
+    arm = np.concatenate([np.linspace(0, 1, 131)[:, None] * 1.3 * part.mean((0, 1)) for part in (slab, wall)])
+    both = replaced(seed, arm).occluders
+    for part, before in ((both[:12], slab), (both[12:], wall)):
+        area = np.cross(before[:, 1] - before[:, 0], before[:, 2] - before[:, 0])
+        widest = area[np.linalg.norm(area, axis=1).argmax()]
+        out = widest / np.linalg.norm(widest) * np.sign(widest @ before.mean((0, 1)))
+        moved_m = (part - before) @ out
+        np.testing.assert_allclose(part - before, moved_m[..., None] * out, atol=1e-9)
+        assert np.ptp(moved_m) < 1e-9
+        assert moved_m.min() > 0.02
+    assert not any(is_inside(point, part) for point in arm for part in (both[:12], both[12:]))
+    assert any(is_inside(point, part) for point in arm for part in (slab, wall))
+    beside = replaced(seed, np.array([[9.0, 9, 9]])).occluders
+    np.testing.assert_array_equal(beside, plain.light.occluders)
+
+
+def is_inside(point, triangles):
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    return bool((((point - triangles[:, 0]) * normals).sum(1) < 0).all())
+
+
+def replaced(seed, skin_m):
+    return LightDrawing(np.random.default_rng(seed), CAMERA, skin_m=skin_m).light("block").light
+
+
 def meets(origin, direction, triangles):
     """Whether a ray meets any of the triangles (Moeller and Trumbore)."""
     for a, b, c in triangles:
