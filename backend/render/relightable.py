@@ -55,6 +55,7 @@ from ..records.light import Light
 from ..records.shot import Shot, SurfaceMesh
 from ..surface.hairs import visible_hairs, with_hairs
 from ..surface.hole_filling import add_missing_rays, inpaint
+from ..surface.soft_borders import SoftBorders
 from .albedo import vertex_albedo
 from .avatar_surface import avatar_surface_of
 from .gbuffer import DecodedRays, GBuffer, RelightableNetworks, SurfaceLayer
@@ -210,7 +211,9 @@ class RelightablePipeline(Pipeline):
         """Return the image with the outline and the detail of the avatar's surface, and that surface's layer."""
         full, edge_m = doubled(met.hand.camera), met.mesh_depth.edge_m
         assert met.hits is not None
-        rays = rays._replace(low=inpaint(rays.low, met.pixel, met.hand.camera.size_px, met.hits, edge_m))
+        low = inpaint(rays.low, met.pixel, met.hand.camera.size_px, met.hits, edge_m)
+        low = self._borders.softened(low, met.pixel, met.hand.camera, met.hit_points, met.hits, edge_m)
+        rays = rays._replace(low=low)
         seen = self.backend.visible_surface(surface.shown, full)
         image = networks.enlarged(met, rays, SurfaceDepth(seen.depth, edge_m))
         image = self.backend.detailed_image(image, seen, surface.shown, full, surface.maps)
@@ -239,6 +242,10 @@ class RelightablePipeline(Pipeline):
     def _networks(self) -> dict[Precision, RelightableNetworks]:
         """In the precisions that have been asked for."""
         return {}
+
+    @cached_property
+    def _borders(self) -> SoftBorders:
+        return SoftBorders.of(self.hand.f, self.hand.vt[self.hand.ft])
 
     @cached_property
     def _vertex_albedo(self) -> np.ndarray:

@@ -35,18 +35,18 @@ def joined_borders(image: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray) 
     return texels.as_map((values + near * (texels.at_texels(means) - values)).astype(np.float32))
 
 
-def nearness_to_borders(faces: np.ndarray, corner_uv: np.ndarray) -> np.ndarray:
-    """Compute, at each vertex [N], 1 on charts' borders, falling to 0 over `RINGS` rings of faces."""
+def nearness_to_borders(faces: np.ndarray, corner_uv: np.ndarray, rings: int = RINGS) -> np.ndarray:
+    """Compute, at each vertex [N], 1 on charts' borders, falling to 0 over rings of faces."""
     vertex, uv = faces.ravel(), corner_uv.reshape(-1, 2)
     least, most = np.full((vertex.max() + 1, 2), np.inf), np.full((vertex.max() + 1, 2), -np.inf)
     np.minimum.at(least, vertex, uv)
     np.maximum.at(most, vertex, uv)
-    ring = np.where((most - least).max(1) > _APART, 0, RINGS)
-    for _ in range(RINGS):
+    ring = np.where((most - least).max(1) > _APART, 0, rings)
+    for _ in range(rings):
         beside = ring.copy()
         np.minimum.at(beside, vertex, np.repeat(ring[faces].min(1) + 1, 3))
         ring = np.minimum(ring, beside)
-    return 1 - ring / RINGS
+    return 1 - ring / rings
 
 
 def split_atlas(faces: np.ndarray, corner_uv: np.ndarray, levels: int) -> tuple[np.ndarray, np.ndarray]:
