@@ -35,7 +35,7 @@ _BINS, _LEVELS = 32, 256  # of a colour's histogram along each axis of Lab
 _SMOOTH_BINS = 1.0
 _LEAST_SHARE = 1e-5  # of a colour that was never seen
 _GROUND_ODDS, _SKIN_ODDS = 4.0, 0.25  # of the ground against skin
-_LIKE_SKIN, _FOREIGN = 3.5, 8.0  # deviations from the skin's chroma
+_FOREIGN = 8.0  # deviations from the skin's chroma
 _LEAST_FOREIGN_PX, _GROWN_PX = 5, 3  # of a spot that is no skin, in a window of 900 px
 _WINDOW_PX = 900
 _DARK, _CLIPPED = 40, 250  # of 255; darker and brighter colours say nothing of skin
@@ -99,7 +99,7 @@ def labelled(
     seen = parallel_map(lambda each: _seen(*each, model), list(zip(pictures, poses, cameras, strict=True)))
     skin = skin_colours([one.rgb[one.mask & one.regions.core] for one in seen])
     check_is_skin(skin)
-    histogram = np.sum([_histogram(_lab(one.rgb)[_is_like_skin(one, skin)]) for one in seen], 0)
+    histogram = np.sum([_histogram(_lab(one.rgb)[one.mask & one.regions.core]) for one in seen], 0)
     labels = parallel_map(lambda one: _labels(one, skin, histogram), seen)
     others_px = others_px or [()] * len(labels)
     return [
@@ -202,13 +202,6 @@ def _labels(seen: _Seen, skin: ColourHistogram, skin_histogram: np.ndarray) -> n
     labels[(seen.behind_wrist | seen.cuff) & ~shown] = UNKNOWN
     labels[foreign] = UNKNOWN
     return labels
-
-
-def _is_like_skin(seen: _Seen, skin: ColourHistogram) -> np.ndarray:
-    """Find what skin's colours are from: the hand's certain place, without ground that a bad pose has there."""
-    value = seen.rgb.max(-1)
-    tells = (value > _DARK) & (value < _CLIPPED)
-    return seen.mask & seen.regions.core & (~tells | (skin.deviations(_chroma(seen.rgb)) < _LIKE_SKIN))
 
 
 def _odds(lab: np.ndarray, ground: np.ndarray, skin_histogram: np.ndarray) -> np.ndarray:
