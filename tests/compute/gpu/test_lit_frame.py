@@ -26,6 +26,7 @@ from .whole_frames import (
     FLIPPED_OF_LEFT,
     assert_same_frame,
     kinds,
+    knuckle_of_a_fist,
     new_buffers,
     off_by,
     rendered_at_once,
@@ -61,6 +62,16 @@ def test_a_frame_at_once_is_the_cpus(ours, theirs, device, kind):
     is_exact = shot.pose.side == "left" and device.type == "cpu"  # a GPU's networks are in half precision
     flipped = FLIPPED_OF_LEFT if is_exact else FLIPPED
     assert_same_frame(rendered_at_once(ours, shot), theirs.render(replace(shot, quality="final")), flipped)
+
+
+def test_rays_that_gather_nothing_are_lit_as_the_cpus(ours, theirs):
+    """Where the surface stands beyond their shell; without its normal 25 pixels would be dark."""
+    shot = knuckle_of_a_fist()
+    theirs.forget()
+    at_once, expected = rendered_at_once(ours, shot), theirs.render(shot)
+    solid = (at_once.alpha > 0.9) & (expected.alpha > 0.9)
+    assert solid.sum() > 4000
+    assert ((at_once.rgb.max(-1) < 0.7 * expected.rgb.max(-1)) & solid).sum() <= 5
 
 
 LIT_BESIDE = {

@@ -6,8 +6,17 @@ from functools import cache
 
 import numpy as np
 import torch
+from livehand.backend.geometry.rotation import matrix_to_axis_angle
+from livehand.backend.hand.gestures import theta_of
+from livehand.backend.hand.joint_axes import finger_axes
+from livehand.backend.hand.lbs import posed_vertices
+from livehand.backend.hand.model import UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.posed_bones import bone_frames
+from livehand.backend.hand.poses import POSES
+from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.light import Light, Sky
+from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.lit_shots import reason_for_stages
 from livehand.backend.surface.base_surface import whole_surface
 from livehand.backend.surface.blood import DRAINS
@@ -57,6 +66,20 @@ def with_blood_in_joints(avatar):
     count = len(whole_surface(surface).arrays["offset"])
     drains = (60 + 60 * np.sin(0.001 * np.arange(count))).astype(np.uint8)
     return replace(avatar, surface=replace(surface, arrays={**surface.arrays, DRAINS: drains}))
+
+
+def knuckle_of_a_fist():
+    """A right hand's ring finger's, at its outline, where the surface stands beyond the shell of the rays."""
+    model = load_default_hand()
+    theta = theta_of(POSES["Fist"].gesture.angles_deg(), finger_axes(model), matrix_to_axis_angle(UPRIGHT))
+    pose = HandPose(theta, np.zeros(10), np.zeros(3))
+    frames = bone_frames(model, pose)
+    axes = frames[0, :3, :3] * (-1, 1, 1)  # distal, dorsal, radial
+    towards = axes @ np.array([0.9, -0.6, 0.35]) / np.linalg.norm([0.9, -0.6, 0.35])
+    at = frames[10, :3, 3] + axes @ np.array([-0.008, 0.008, 0])
+    K = np.array([[2258.0, 0, 32], [0, 2258, 48], [0, 0, 1]])  # .31 mm a pixel: from .3 mm on faces are curved
+    camera = Camera(K, look_at(at + 0.7 * towards, at, axes[:, 0]), (64, 96))
+    return Shot(pose, posed_vertices(model, pose), camera, Light((), SKY), quality="final")
 
 
 def near_objects(shot):
