@@ -363,13 +363,15 @@ def test_what_stands_before_the_hand_hides_it(drawn, context, shared):
 
 
 def test_the_mesh_stands_for_the_hand_until_there_is_an_image_and_where_it_cannot_be_rendered(drawn, context, shared):
-    viewport, engine, tagged = Viewport(shared), Engine(), []
+    viewport, engine, tagged, is_held = Viewport(shared), Engine(), [], [True]
     shared.timer.update_meshes = lambda: tagged.append((viewport.has_image, viewport.has_failed))
     depsgraph = bpy.context.evaluated_depsgraph_get()
+    shared.preview.submit("other view", [stay_until(is_held)])
     viewport.update(context, depsgraph)
     drawn(lambda: viewport.draw(engine, context, depsgraph))
     assert not viewport.has_image
     assert not viewport.has_failed
+    is_held.clear()
     drawn(lambda: show(viewport, engine, context, shared))
     assert viewport.has_image
     broken_hand(context)

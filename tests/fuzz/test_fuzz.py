@@ -59,4 +59,4 @@ def test_a_reader_that_never_ends_is_ended():
     done = fuzz("-c", PLANTED.replace("READERS", "endless, refuse"), "--seconds", 4)
     assert done.returncode == 1
     assert "    case 0: SIGPROF\n" in done.stdout
-    assert json.loads(done.stdout.splitlines()[-1])["cases"] > 4  # goes on behind it
+    assert json.loads(done.stdout.splitlines()[-1])["cases"] > 1  # goes on behind it
