@@ -10,17 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch.nn.functional import avg_pool2d, interpolate
+from torch.nn.functional import interpolate
 
 from ..capture.person import Person
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError
 from ..surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
+from ..surface.atlas_borders import split_atlas
+from ..surface.atlas_texels import AtlasTexels
 from ..surface.base_surface import whole_surface
 from ..surface.blood import drains_of, place_log_albedo
 from ..surface.detail_maps import DORSAL_SHADE, PALMAR_SHADE, PIGMENT_COLOUR
 from ..surface.detail_maps_file import skin_detail_of
-from ..surface.detail_surface import detail_surface_of
+from ..surface.detail_surface import LEVELS, detail_surface_of
 from ..surface.stored_surface import StoredSurface
 from .avatar import Avatar
 from .file import load_avatar
@@ -35,7 +37,7 @@ SCATTERED_IN_NAILS = 0.4
 """Share of light that is scattered under a nail; the rest is reflected at once."""
 _REFLECTED_AT_ONCE = 0.95
 _BLOOD_DRAWN_OUT = 0.7  # of joints, usually
-_BOX, _LEAST_SHARE = 23, 1e-3  # texels of a blur of the networks' map: twice of it has a deviation of 5 mm
+_BLURS, _LEAST_SHARE = 120, 1e-6  # of a mean with neighbours .75 to 1 mm away, which have a deviation of some 5 mm
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class WornTextures:
         surface: with all of its arrays.
         reflectance: [R, R, 3] linear, of a straight hand without the shade of its fine folds.
         network_albedo: [B, B, 3] what the avatar's networks show of it.
+        texels: of that map.
         trained_on: whom the networks know.
         heights: [R, R, 3] of relief, mm, and of folds and creases, 1 at the deepest.
         fold_shade: [R, R, 2] of folds and creases that the color lacks, as `shading_detail.FOLD_LOG_ALBEDO` counts it.
@@ -57,6 +60,7 @@ class WornTextures:
     surface: StoredSurface
     reflectance: np.ndarray
     network_albedo: np.ndarray
+    texels: AtlasTexels
     trained_on: Person
     heights: np.ndarray
     fold_shade: np.ndarray
@@ -82,7 +86,8 @@ class WornTextures:
         """Compute the base color [R, R, 3] by which Cycles' skin shows this person.
 
         Networks show a fold of the palm or a thin finger brighter or darker than an endless flat skin of that color,
-        as it is. What they show of the person whom they know, against that person's color, tells by how much.
+        as it is. What they show of the person whom they know, against that person's color, tells by how much; of nails
+        it does not, which reflect by another law and may be longer.
 
         Args:
             trained_color: [B, B, 3] base color of the person whom the networks know; black beside the skin.
@@ -92,8 +97,9 @@ class WornTextures:
         flat = np.exp(np.interp(np.log(trained_color.clip(1e-4)), np.log(BASE_COLOR), np.log(REFLECTANCE)))
         excess = np.where(is_skin[..., None], np.log(self.network_albedo.clip(1e-4)) - np.log(flat), 0)
         resolution = len(self.reflectance)
-        log_reflectance = np.log(self.reflectance) - _widened(_smooth(excess, is_skin), resolution)
         nail = _widened(self.gloss[..., 1:], resolution)
+        brighter = _widened(_smoothed(self.texels, excess, is_skin), resolution)
+        log_reflectance = np.log(self.reflectance) - (1 - nail) * brighter
         return (1 - nail) * _looked_up(log_reflectance, REFLECTANCE) + nail * _looked_up(log_reflectance, _OF_NAILS)
 
 
@@ -132,6 +138,7 @@ def worn_textures(avatar: Avatar, hand: HandModel) -> WornTextures:
         surface=surface,
         reflectance=np.exp(log_reflectance),
         network_albedo=shown,
+        texels=_texels_of(hand, len(shown)),
         trained_on=_trained_on(avatar),
         heights=np.stack([narrow + _widened(wide[..., None], resolution)[..., 0] for narrow, wide in pairs], -1),
         fold_shade=np.stack([DORSAL_SHADE * fine.dorsal, PALMAR_SHADE * fine.palmar], -1),
@@ -140,6 +147,11 @@ def worn_textures(avatar: Avatar, hand: HandModel) -> WornTextures:
         padding_mm=raised.padding_mm,
         drains=drains_of(surface.arrays),
     )
+
+
+def _texels_of(hand: HandModel, resolution: int) -> AtlasTexels:
+    faces, corner_uv = split_atlas(hand.f, hand.vt[hand.ft], LEVELS)
+    return AtlasTexels.of(torch.as_tensor(corner_uv, dtype=torch.float32), torch.as_tensor(faces), resolution)
 
 
 def _trained_on(avatar: Avatar) -> Person:
@@ -158,14 +170,15 @@ def _looked_up(log_reflectance: np.ndarray, reflectance: tuple[float, ...]) -> n
     return np.exp(np.interp(log_reflectance, np.log(reflectance), np.log(BASE_COLOR))).astype(np.float32)
 
 
-def _smooth(values: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
-    """Blur values [B, B, C] over the skin alone."""
-    weighed = np.concatenate([values, is_skin[..., None]], -1).astype(np.float32)
-    image = torch.as_tensor(weighed).permute(2, 0, 1)[None]
-    for _ in range(2):
-        image = avg_pool2d(image, _BOX, stride=1, padding=_BOX // 2)
-    blurred = image[0].permute(1, 2, 0).numpy()
-    return blurred[..., :-1] / blurred[..., -1:].clip(_LEAST_SHARE)
+def _smoothed(texels: AtlasTexels, values: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
+    """Blur values [B, B, C] of an atlas over the surface's skin alone, whatever charts it is cut into."""
+    means, found = texels.at_vertices(texels.from_map(values), texels.from_map(is_skin)[:, 0].astype(float))
+    sums = np.column_stack([means * found[:, None], found])
+    degree = texels.laplacian.diagonal()[:, None]
+    for _ in range(_BLURS):
+        sums = sums - 0.5 * (texels.laplacian @ sums) / degree
+    blurred = sums[:, :-1] / sums[:, -1:].clip(_LEAST_SHARE)
+    return texels.as_map(texels.at_texels(blurred).astype(np.float32))
 
 
 def _widened(image: np.ndarray, resolution: int) -> np.ndarray:

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.avatars.network_albedo import in_network_colours
 from livehand.backend.avatars.worn_textures import BASE_COLOR, REFLECTANCE, WornTextures, worn_textures
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
+from livehand.backend.surface.atlas_texels import AtlasTexels
 from livehand.backend.surface.blood import place_log_albedo
 
 SIZE = 64
@@ -28,7 +30,30 @@ def textures(light):
     shown = 1.1 * reflected(known)
     empty = np.zeros((SIZE, SIZE, 3))
     none, person = np.zeros(1), light.surface.person
-    return WornTextures(light.surface, shown, shown, person, empty, empty[..., :2], gloss, none, none, None)
+    detail = empty, empty[..., :2], gloss, none, none, None
+    return WornTextures(light.surface, shown, shown, two_charts(), person, *detail)
+
+
+def two_charts(columns=60):
+    """Of a strip in two charts, whose common edge in its middle lies at both ends of the atlas."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(columns + 1.0), np.arange(2.0)))
+    row = columns + 1
+    corner = np.array([each for k in range(columns) for each in ([k, k + 1, k + row], [k + 1, k + row + 1, k + row])])
+    middle = columns / 2
+    u = np.where((x[corner].mean(1) < middle)[:, None], middle - x[corner], 3 * middle - x[corner]) / columns
+    uv = torch.as_tensor(np.stack([u, y[corner]], -1), dtype=torch.float32)  # each chart is mirrored
+    return AtlasTexels.of(uv, torch.as_tensor(corner), SIZE)
+
+
+def test_what_networks_show_too_bright_is_blurred_over_the_skin_not_over_the_atlas(textures):
+    """The middle of the strip, both ends of the atlas, is seen as one place; the atlas' middle is the strip's ends."""
+    known = np.full((SIZE, SIZE, 3), (0.6, 0.35, 0.25))
+    no_nail = np.zeros((SIZE, SIZE, 2), np.float32)
+    shown = reflected(known) * np.where(np.arange(SIZE) < SIZE // 2, 1.2, 1.0)[:, None]
+    uneven = replace(textures, network_albedo=shown, reflectance=reflected(known), gloss=no_nail)
+    color = uneven.base_color(known, np.zeros((SIZE, SIZE), bool))[SIZE // 2, :, 0]
+    assert color[0] == pytest.approx(color[-1], rel=2e-2)  # an edge apart
+    assert color[SIZE // 2 - 1] / color[SIZE // 2] < 0.97
 
 
 def test_blood_of_joints_changes_the_base_color_by_as_much_as_cycles_needs(textures):
@@ -49,7 +74,10 @@ def test_skin_that_networks_show_as_the_known_person_has_that_person_s_color(tex
     known = np.full((SIZE, SIZE, 3), (0.6, 0.35, 0.25))
     color = textures.base_color(known, np.zeros((SIZE, SIZE), bool))
     assert color[:, : SIZE // 2 - 1] == pytest.approx(known[:, : SIZE // 2 - 1], rel=2e-3)
-    assert (color[:, SIZE // 2 + 1 :] < known[:, SIZE // 2 + 1 :]).all()  # nails reflect more of theirs
+    skin = textures.base_color(np.zeros_like(known), np.zeros((SIZE, SIZE), bool))[0, 0]
+    nails = replace(textures, gloss=np.ones_like(textures.gloss)).base_color(known, np.zeros((SIZE, SIZE), bool))
+    assert (nails < skin).all()  # nails reflect more of theirs
+    assert color[:, -1] == pytest.approx(nails[:, -1])
 
 
 def test_darker_skin_needs_a_base_color_that_reflects_so_much_less(textures):
