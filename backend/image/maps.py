@@ -39,6 +39,15 @@ def ray_of_pixel(pixel: Int[Tensor, " R"], count: int) -> Int[Tensor, " P"]:
     )
 
 
+def rays_at(
+    rays: Int[Tensor, " P"], x: Int[Tensor, "*n"], y: Int[Tensor, "*n"], size_px: tuple[int, int]
+) -> Int[Tensor, "*n"]:
+    """Take the rays of pixels from `ray_of_pixel` of an image of this size; beside it there are none, -1."""
+    width, height = size_px
+    is_inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    return torch.where(is_inside, rays[y.clamp(0, height - 1) * width + x.clamp(0, width - 1)], -1)
+
+
 def image_of(
     superres: Callable[[Tensor], Tensor], low: Composite, pixel: Tensor, size_px: tuple[int, int], scale: int
 ) -> tuple[Float[Tensor, "4 H W"], Float[Tensor, "H W"]]:

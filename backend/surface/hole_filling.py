@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ..field.rays import RenderedRays
 from ..field.volume import Composite
-from ..image.maps import ray_of_pixel
+from ..image.maps import ray_of_pixel, rays_at
 from ..light.lighting import SurfacePoints
 from .ray_hits import RayHits
 
@@ -112,6 +112,4 @@ def _around(pixel: Int[Tensor, " R"], size_px: tuple[int, int], rays: Int[Tensor
     offsets = [(round(r * cos(angle)), round(r * sin(angle))) for r in RINGS_PX for angle in angles]
     dx, dy = pixel.new_tensor(offsets)[:, None].unbind(-1)
     x, y = pixel[rays] % width + dx, torch.div(pixel[rays], width, rounding_mode="floor") + dy
-    is_inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    at = y.clamp(0, height - 1) * width + x.clamp(0, width - 1)
-    return torch.where(is_inside, ray_of_pixel(pixel, width * height)[at], -1)
+    return rays_at(ray_of_pixel(pixel, width * height), x, y, size_px)

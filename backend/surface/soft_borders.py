@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ..field.rays import CameraTensors
 from ..field.volume import Composite
-from ..image.maps import ray_of_pixel
+from ..image.maps import ray_of_pixel, rays_at
 from ..light.indirect_diffuse import MeshPoints
 from .atlas_borders import nearness_to_borders
 from .ray_hits import RayHits
@@ -62,7 +62,7 @@ class SoftBorders(NamedTuple):
             hits: with the surface; what misses it stays.
             edge_m: depths that differ by more are of other parts.
         """
-        radius_px = REACH_M * camera.K[0, 0] / (1 if camera.is_orthographic else hits.depth)
+        radius_px = REACH_M * camera.focal_px / camera.divisor(hits.depth)
         radius_px = torch.where(hits.depth.isfinite(), radius_px, 0).clamp(max=_MOST_PX)
         if not bool((radius_px > _LEAST_PX).any()):
             return low
@@ -95,16 +95,14 @@ def _mean_around(
     packed = torch.cat([low.channels, low.alpha[:, None]], -1)
     total = packed[rays].float()
     weights = torch.ones_like(radius_px)
-    for ring in _RINGS:
+    for index, ring in enumerate(_RINGS):
         for k in range(_DIRECTIONS):
-            angle = 2 * pi * (k + 0.5 * (_RINGS.index(ring) % 2)) / _DIRECTIONS
-            across = x + (radius_px * ring * cos(angle)).round().long()
-            down = y + (radius_px * ring * sin(angle)).round().long()
-            is_inside = (across >= 0) & (across < width) & (down >= 0) & (down < height)
-            ray = ray_at[down.clamp(0, height - 1) * width + across.clamp(0, width - 1)]
+            angle = 2 * pi * (k + 0.5 * (index % 2)) / _DIRECTIONS
+            across, down = ((radius_px * ring * part(angle)).round().long() for part in (cos, sin))
+            ray = rays_at(ray_at, x + across, y + down, size_px)
             there = ray.clamp(min=0)
             gap = (depth[there] - depth[rays]).nan_to_num(torch.inf)
-            weight = (is_inside & (ray >= 0)) * torch.exp(-gap.square()) * ring
+            weight = (ray >= 0) * torch.exp(-gap.square()) * ring
             total += weight[:, None] * packed[there]
             weights = weights + weight
     return total / weights[:, None]
