@@ -38,7 +38,7 @@ _PLAN = CapturePlan(poses=44, lights="varied")
 _FIGURES = ("psnr_hand", "psnr_full", "ssim_hand", "flip", "lpips")
 _WHAT = (
     "`python -m livehand.tools.results.against_cycles`: each avatar that ships on views of its own person by Cycles, "
-    f"as many in each kind of light, 64 samples, seeds from {_FIRST_SEED}; in brackets the views"
+    f"64 samples, seeds from {_FIRST_SEED}; in brackets the views"
 )
 
 
