@@ -24,13 +24,14 @@ from ..tracking.resting_camera import MOST_CHANGE
 from ..tracking.sighted_take import filmed_take, frames_of_film
 from ..tracking.turning_hand.coverage import covered_share
 from ..tracking.turning_hand.filmed_capture import hand_to_capture, looked_at
-from ..tracking.turning_hand.frame_choice import chosen_frames
+from ..tracking.turning_hand.frame_choice import chosen_frames, smear_of
 from ..tracking.turning_hand.hand_frames import film_camera, frames_of, hand_frames
 from ..tracking.turning_hand.take_shape import fit_with_shape
 from ..tracking.turning_hand.window import Window, camera_of, image_of, window_around
+from .clean_plate import clean_plate, small_enough
 from .film_exposure import backdrop_gains, backdrop_sample
 from .kept_steps import FILMED_TAKE, KeptSteps
-from .other_hands import in_window
+from .other_hands import in_window, where_hands_may_be
 from .skin_masks import labelled
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ LITTLE_SKIN = 0.6
 """Share of the skin below which people are told that the rest is a guess; a hand's one side is about 0.45."""
 _MOST_FPS = 10.0  # that are tracked: of 30 s, 300 frames to choose from
 _CROWD_SAMPLES, _MOST_HANDS = 5, 2
+_COVERED_SHARE = 0.25  # of a picture's size, in which it is found what the hand covers
 
 
 def pictures_of_film(
@@ -101,7 +103,9 @@ def pictures_of_film(
     progress("choosing pictures")
     camera = film_camera(take)
     blurs, change = looked_at(play, seen, camera.size_px)
-    chosen = seen.of(chosen_frames(seen.motion, seen.fit_error, blurs, least=1, most=most))
+    rests = change is not None and change <= MOST_CHANGE
+    smears = smear_of(seen.px, seen.times_s)
+    chosen = seen.of(chosen_frames(seen.motion, seen.fit_error, blurs, smears, least=1, most=most))
     poses = [chosen.motion.pose(index) for index in range(len(chosen.frames))]
     windows = [
         window_around(camera.project(posed_vertices(right, pose)[right.framed_vertices])[0], camera.size_px, LONGEST_PX)
@@ -109,6 +113,7 @@ def pictures_of_film(
     ]
     images: list[np.ndarray] = [np.empty(0)] * len(poses)
     backdrops: list[np.ndarray] = [np.empty(0)] * len(poses)
+    behind: list[np.ndarray] = [np.empty(0)] * len(poses)
     crowd: list[Sequence[TrackedHand]] = []
     still = StillTracker(networks)
     step = max(1, len(poses) // _CROWD_SAMPLES)
@@ -116,12 +121,17 @@ def pictures_of_film(
         shown = picture[:, ::-1] if chosen_side == "left" else picture
         images[index] = np.ascontiguousarray(image_of(shown, windows[index]))
         backdrops[index] = backdrop_sample(shown, _box_px(windows[index]))
+        behind[index] = small_enough(shown)
         crowd += [still.hands(picture)] if index % step == 0 else []
     check_one_person(path, crowd)
     cameras = [camera_of(camera, window) for window in windows]
     progress(f"masking {len(poses)} pictures")
     others_px = _others_px(take, chosen_side, chosen.frames, camera, cameras)
-    labels = labelled(images, poses, cameras, right, others_px)
+    plates = None
+    if rests:
+        plate = clean_plate(behind, _covered(take, chosen_side, chosen.frames), camera.size_px)
+        plates = [plate.within(window) for window in windows]
+    labels = labelled(images, poses, cameras, right, others_px, plates)
     gains = backdrop_gains(backdrops)
     log_gains = np.zeros((len(poses), 3)) if gains is None else gains
     pictures = tuple(
@@ -140,6 +150,16 @@ def pictures_of_film(
     )
     notes = [note for note in (_moves(change), unseen_note(covered_share(poses, cameras, right))) if note]
     return PicturedHand(pictures, chosen_side, path.name, notes=tuple(notes))
+
+
+def _covered(take: FilmedTake, side: Side, frames: np.ndarray) -> list[np.ndarray]:
+    """Find where hands may be in each frame, in pictures of a quarter of its size; those of left hands are mirrored."""
+    width, height = take.camera.size_px
+    small_px = max(1, round(_COVERED_SHARE * width)), max(1, round(_COVERED_SHARE * height))
+    turn, shift = (1, 0) if side == "right" else (-1, width)
+    share = np.array(small_px) / (width, height)
+    found = ([hand.px[at] for hand in take.hands.values() for at in _at(hand, frame)] for frame in frames)
+    return [where_hands_may_be([(px * [turn, 1] + [shift, 0]) * share for px in hands], small_px) for hands in found]
 
 
 def _others_px(

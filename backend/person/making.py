@@ -246,7 +246,7 @@ def person_of_pictures(
         made = made_person(base, hand, bases.family, of_rounds, log, lamps)
         if index == 0:
             hand = _with_mended_fingers(made, hand, log)
-        hand = _refitted(made, hand, options.length_m, _LATER_REFITS[index], log)
+        hand = _refitted(made, hand, options.length_m, _LATER_REFITS[index], log, fits_offsets=True)
         melanin, lamps = made.completed.numbers.melanin, made.lamps
     base = shaped(bases.nearest(melanin), hand)
     return _with_unseen_detail(made_person(base, hand, bases.family, options, log, lamps)), hand
@@ -324,10 +324,18 @@ def _refitted(
     length_m: float | None,
     longest_px: int | None,
     log: Log,
+    fits_offsets: bool = False,
 ) -> PicturedHand:
-    refit = refitted(made.model, hand.pictures, made.lights, length_m=length_m, longest_px=longest_px)
+    refit = refitted(
+        made.model,
+        hand.pictures,
+        made.lights,
+        length_m=length_m,
+        longest_px=longest_px,
+        fits_offsets=fits_offsets,
+    )
     log(f"poses and shape: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
-    return replace(hand, pictures=refit.pictures)
+    return replace(hand, pictures=refit.pictures, offset_m=refit.offset_m if fits_offsets else hand.offset_m)
 
 
 def _with_mended_fingers(made: MadePerson, hand: PicturedHand, log: Log) -> PicturedHand:

@@ -2,7 +2,8 @@
 
 GrabCut, seeded by the posed mesh, finds the hand in each picture. All pictures together then say what colours the
 person's skin has, each picture what its ground has beside the hand; both decide what GrabCut could not: the ground
-seen between fingers, and what on the hand is no skin. Behind the wrist nothing is known, for the arm bends.
+seen between fingers, and what on the hand is no skin. Before a resting camera a clean plate decides where it can.
+Behind the wrist nothing is known, for the arm bends.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from ..records.errors import LiveHandError
 from ..records.hand_picture import BACKGROUND, HAND, UNKNOWN
 from ..records.shot import HandPose
 from ..system.parallel_map import parallel_map
+from .clean_plate import CleanPlate, told_apart
 from .other_hands import with_others_unknown
 
 MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0)
@@ -36,6 +38,7 @@ _SMOOTH_BINS = 1.0
 _LEAST_SHARE = 1e-5  # of a colour that was never seen
 _GROUND_ODDS, _SKIN_ODDS = 4.0, 0.25  # of the ground against skin
 _FOREIGN = 8.0  # deviations from the skin's chroma
+_REDDER = 0.6  # logarithm of red over green
 _LEAST_FOREIGN_PX, _GROWN_PX = 5, 3  # of a spot that is no skin, in a window of 900 px
 _WINDOW_PX = 900
 _DARK, _CLIPPED = 40, 250  # of 255; darker and brighter colours say nothing of skin
@@ -59,19 +62,28 @@ class ColourHistogram(NamedTuple):
 
     def deviations(self, chroma: np.ndarray) -> np.ndarray:
         """Measure how many deviations chroma [..., 2] is from the mean."""
+        return self._length(chroma - self.mean)
+
+    def deviations_from_redder(self, chroma: np.ndarray) -> np.ndarray:
+        """Measure the same from skin that is as much redder as fingertips are, and what other skin shines on."""
         off = chroma - self.mean
+        redder = off[..., :1].clip(0, _REDDER)
+        return self._length(off - np.concatenate([redder, np.zeros_like(redder)], -1))
+
+    def _length(self, off: np.ndarray) -> np.ndarray:
         return np.sqrt(((off @ self.precision) * off).sum(-1, keepdims=True))[..., 0]
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """A picture, its regions and GrabCut's first mask."""
+    """A picture, its regions, GrabCut's first mask, and what stands behind the hand."""
 
     rgb: np.ndarray
     regions: MaskRegions
     behind_wrist: np.ndarray
     cuff: np.ndarray
     mask: np.ndarray
+    plate: CleanPlate | None
 
 
 def labelled(
@@ -80,6 +92,7 @@ def labelled(
     cameras: Sequence[Camera],
     model: HandModel,
     others_px: Sequence[Sequence[np.ndarray]] | None = None,
+    plates: Sequence[CleanPlate] | None = None,
 ) -> list[np.ndarray]:
     """Label the pixels of one person's pictures.
 
@@ -89,6 +102,7 @@ def labelled(
         cameras: one a picture, in the poses' world.
         model: the right hand's.
         others_px: [21, 2] landmarks of the other hands in each picture; None: there are none.
+        plates: one a picture; None: what stands behind the hand is not known.
 
     Returns:
         uint8 [H, W] a picture: `HAND`, `BACKGROUND` or `UNKNOWN`.
@@ -96,7 +110,8 @@ def labelled(
     Raises:
         LiveHandError: OpenCV is missing, or the hand has no skin's colour.
     """
-    seen = parallel_map(lambda each: _seen(*each, model), list(zip(pictures, poses, cameras, strict=True)))
+    behind = plates or [None] * len(pictures)
+    seen = parallel_map(lambda each: _seen(*each, model), list(zip(pictures, behind, poses, cameras, strict=True)))
     skin = skin_colours([one.rgb[one.mask & one.regions.core] for one in seen])
     check_is_skin(skin)
     histogram = np.sum([_histogram(_lab(one.rgb)[one.mask & one.regions.core]) for one in seen], 0)
@@ -144,13 +159,13 @@ def where_arm_may_be(pose: HandPose, camera: Camera, model: HandModel) -> np.nda
     return _behind_wrist(regions, joints, camera) | _cuff(vertices, joints, regions, camera)
 
 
-def _seen(rgb: np.ndarray, pose: HandPose, camera: Camera, model: HandModel) -> _Seen:
+def _seen(rgb: np.ndarray, plate: CleanPlate | None, pose: HandPose, camera: Camera, model: HandModel) -> _Seen:
     vertices, joints = posed_arrays(model, pose)
     vertices, faces = short_of_arm(vertices, model)
     regions = hand_regions(vertices, joints, faces, camera, MASKS)
     behind = _behind_wrist(regions, joints, camera) & ~regions.silhouette
     mask = _coarse_mask(rgb, regions)
-    return _Seen(rgb, regions, behind, _cuff(vertices, joints, regions, camera), mask)
+    return _Seen(rgb, regions, behind, _cuff(vertices, joints, regions, camera), mask, plate)
 
 
 def _coarse_mask(rgb: np.ndarray, regions: MaskRegions) -> np.ndarray:
@@ -196,7 +211,9 @@ def _labels(seen: _Seen, skin: ColourHistogram, skin_histogram: np.ndarray) -> n
     ground = ~possible & (cv2.dilate(possible.astype(np.uint8), np.ones((3, 3)), iterations=_RING_PX) > 0)
     odds = _odds(lab, ground, skin_histogram)
     shown = _second_cut(seen, odds)
-    foreign = _foreign(seen, skin, odds)
+    is_hand, is_ground = _told_by_plate(seen, ~possible)
+    shown = (shown | is_hand) & ~is_ground
+    foreign = _foreign(seen, skin, odds) & ~is_ground
     labels = np.full(shown.shape, BACKGROUND, np.uint8)
     labels[shown] = HAND
     labels[(seen.behind_wrist | seen.cuff) & ~shown] = UNKNOWN
@@ -224,13 +241,22 @@ def _second_cut(seen: _Seen, odds: np.ndarray) -> np.ndarray:
     return (again | (seen.mask & is_skin)) & ~is_ground & ~seen.behind_wrist
 
 
+def _told_by_plate(seen: _Seen, is_ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find the pixels [H, W] that the plate tells to be the hand's, and those that it tells to be the ground's."""
+    if seen.plate is None:
+        return np.zeros_like(is_ground), np.zeros_like(is_ground)
+    told = told_apart(seen.rgb, seen.plate, seen.mask & seen.regions.core, is_ground)
+    is_hand = _opened(told == HAND) & seen.regions.near & ~seen.behind_wrist
+    return is_hand, _opened(told == BACKGROUND)
+
+
 def _foreign(seen: _Seen, skin: ColourHistogram, odds: np.ndarray) -> np.ndarray:
     """Find rings, watches and sleeves: spots in the hand's place of a chroma that skin does not have."""
     cv2 = load_opencv()
     share = max(seen.rgb.shape[:2]) / _WINDOW_PX
     smooth = cv2.GaussianBlur(seen.rgb, (0, 0), max(0.5, 2 * share))
     is_known = (seen.rgb.max(-1) < _CLIPPED) & (seen.rgb.max(-1) > _DARK)
-    is_foreign = (skin.deviations(_chroma(smooth)) > _FOREIGN) & is_known & seen.regions.silhouette
+    is_foreign = (skin.deviations_from_redder(_chroma(smooth)) > _FOREIGN) & is_known & seen.regions.silhouette
     is_foreign &= odds <= _GROUND_ODDS
     least, grown = (max(1, round(px * share)) for px in (_LEAST_FOREIGN_PX, _GROWN_PX))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * least + 1, 2 * least + 1))

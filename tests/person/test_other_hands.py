@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.person.other_hands import in_window, with_others_unknown
+from livehand.backend.person.other_hands import in_window, where_hands_may_be, with_others_unknown
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
 
@@ -63,3 +63,18 @@ def test_points_of_a_part():
     part = whole.cropped(100, 50, (200, 120))
     np.testing.assert_allclose(in_window(np.array([[150.0, 80], [100, 50]]), whole, part), [[50, 30], [0, 0]])
     np.testing.assert_allclose(in_window(np.array([150.0, 80]), whole, part.scaled(0.5)), [25, 15])
+
+
+def test_what_hands_may_cover_holds_them_and_an_arm_that_bends():
+    """The wrist is at (60, 100), the middle knuckle at (63, 70): the palm is about 30 px long."""
+    covered = where_hands_may_be([OTHER_PX, OTHER_PX + np.array([180, 0])], (300, 200))
+    assert covered[tuple(OTHER_PX.astype(int).T[::-1])].all()
+    palm_px = np.linalg.norm(OTHER_PX[0] - OTHER_PX[9])
+    for bend_rad in (-0.5, 0.0, 0.5):
+        x, y = OTHER_PX[0] + 1.8 * palm_px * np.array([np.sin(bend_rad), np.cos(bend_rad)])
+        assert covered[round(y), round(x)]
+    assert not covered[:, 130:150].any()
+    np.testing.assert_array_equal(
+        covered[:, 180:300], np.pad(covered, ((0, 0), (0, 180)))[:, 0:120] | covered[:, 180:300]
+    )
+    assert not where_hands_may_be([], (30, 20)).any()

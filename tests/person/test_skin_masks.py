@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from livehand.backend.person.clean_plate import CleanPlate
 from livehand.backend.person.skin_masks import labelled, skin_colours
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
@@ -36,6 +37,30 @@ def test_the_ground_between_the_fingers_is_ground(off):
     shown, labels = off
     is_ground = ~shown.is_hand & ~shown.is_arm & (labels != UNKNOWN)
     assert (labels[is_ground] == HAND).mean() < 0.01
+
+
+def test_a_clean_plate_finds_the_edge_that_motion_smears(painted, hand):
+    """The hand moves by 9 px across its fingers while the picture is exposed; the middle of the smear is its edge."""
+    shown, empty = painted(), painted(is_shown=False).rgb
+    steps = [np.roll(shown.rgb, shift, 0).astype(float) ** 2.2 for shift in range(-4, 5)]
+    shown.rgb[:] = (np.mean(steps, 0) ** (1 / 2.2)).round()
+    plate = CleanPlate(empty, np.ones(empty.shape[:2], bool))
+    overlaps = []
+    for plates in (None, [plate]):
+        (labels,) = labelled([shown.rgb], [shown.pose], [shown.camera], hand, plates=plates)
+        known, is_hand = labels != UNKNOWN, labels == HAND
+        overlaps.append((is_hand & shown.is_hand).sum() / ((is_hand | shown.is_hand) & known).sum())
+    assert overlaps[1] > 0.95
+    assert overlaps[1] > overlaps[0] + 0.02
+
+
+def test_red_fingertips_are_skin(painted, hand):
+    shown = painted()
+    _, columns = np.nonzero(shown.is_hand)
+    tips = shown.is_hand & (np.arange(shown.rgb.shape[1]) < columns.min() + 14)
+    shown.rgb[tips] = (220, 105, 95)
+    (labels,) = labels_of(hand, shown)
+    assert (labels[tips] == HAND).mean() > 0.9
 
 
 def test_an_arm_that_bends_is_unknown_without_a_spike(off):

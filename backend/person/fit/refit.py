@@ -19,15 +19,23 @@ from ...system.parallel_map import parallel_map
 from ...system.thread_limits import thread_limit
 from ..lit_model.illumination import Illumination
 from ..lit_model.model import PersonModel
+from .outline_offsets import outline_offsets
 from .pose_fit import fitted_poses
 from .pose_targets import PoseTargets, pose_targets
 
 
 @dataclass(frozen=True)
 class Refit:
-    """Pictures with their new poses, and means over them before the fit: flow in px, and overlap."""
+    """Pictures with their new poses.
+
+    Attributes:
+        pictures: as they were given, but for the poses.
+        offset_m: [V] of the person's shape, along the normals.
+        flow_px, overlap: means over the pictures before the fit.
+    """
 
     pictures: tuple[HandPicture, ...]
+    offset_m: np.ndarray
     flow_px: float
     overlap: float
 
@@ -40,6 +48,7 @@ def refitted(
     on_picture: Callable[[], None] = lambda: None,
     length_m: float | None = None,
     longest_px: int | None = None,
+    fits_offsets: bool = False,
 ) -> Refit:
     """Fit the poses of all pictures and one shape once, from where they are.
 
@@ -51,6 +60,7 @@ def refitted(
         on_picture: called after each one's flow.
         length_m: of the hand (`hand_size.sized`); None: not known.
         longest_px: side of the pictures in which flow is looked for; None: their own.
+        fits_offsets: fit what the shape's numbers cannot say, after the poses.
     """
 
     def targets_in(picture: HandPicture) -> PoseTargets:
@@ -63,8 +73,9 @@ def refitted(
         offsets_m = [_offset(model, picture.pose) for picture in pictures]
         poses = fitted_poses(model.hand, pictures, targets, offsets_m, fits_shape, length_m)
     moved = tuple(replace(picture, pose=pose) for picture, pose in zip(pictures, poses, strict=True))
+    offset_m = outline_offsets(model, moved, targets) if fits_offsets else model.offset_m
     flow_px, overlap = (float(np.mean([getattr(each, name) for each in targets])) for name in ("flow_px", "overlap"))
-    return Refit(moved, flow_px, overlap)
+    return Refit(moved, offset_m, flow_px, overlap)
 
 
 def made_smaller(picture: HandPicture, longest_px: int | None) -> HandPicture:

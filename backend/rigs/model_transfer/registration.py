@@ -7,6 +7,7 @@ other model lacks, as the built-in hand's arm beyond an open wrist, moves along.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -33,8 +34,17 @@ _PRIOR = FitPrior(joint_mm=2.0, theta_rad=0.08, beta=1.5, share=0.005)  # twists
 _ACROSS = 0.3  # a closest point says little of where a vertex lies along the surface
 _STIFFNESS = (30.0, 10.0, 3.0, 1.0)  # of the displacements' Laplacian against the points, round by round
 _PULL = 1e-3  # of displacements towards none, where there are no points
-_OFFSET_STIFFNESS, _DECAY = 0.5, 0.01
 _MOST_OFF_MM = 4.0  # median distance between the surfaces after the first fit
+
+
+class Smoothness(NamedTuple):
+    """How values of vertices keep to their neighbours' mean, and to zero, against their own weights."""
+
+    stiffness: float
+    decay: float
+
+
+_OFFSET_SMOOTHNESS = Smoothness(0.5, 0.01)
 
 
 @dataclass(frozen=True)
@@ -142,10 +152,13 @@ def _conformed(ours: HandModel, other: HandModel, target: RegionMesh, vertices: 
     return moved
 
 
-def smoothed(ours: HandModel, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def smoothed(
+    ours: HandModel, values: np.ndarray, weight: np.ndarray, smoothness: Smoothness = _OFFSET_SMOOTHNESS
+) -> np.ndarray:
     """Smooth values [V] of vertices a little where they weigh [V], and let them die out where they do not."""
     laplacian = _laplacian(ours)
-    system = sparse.diags(weight) + _OFFSET_STIFFNESS * (laplacian.T @ laplacian) + _DECAY * sparse.eye(len(values))
+    bending, none = laplacian.T @ laplacian, sparse.eye(len(values))
+    system = sparse.diags(weight) + smoothness.stiffness * bending + smoothness.decay * none
     return np.asarray(spsolve(system.tocsc(), weight * values))
 
 

@@ -33,7 +33,7 @@ from ...records.errors import LiveHandError
 from ...records.side import Side
 from ..resting_camera import MOST_CHANGE, ground_change
 from .coverage import covered_share
-from .frame_choice import blur_of, chosen_frames, held_out
+from .frame_choice import blur_of, chosen_frames, held_out, smear_of
 from .hand_frames import Frames, HandFrames, film_camera, frames_of, hand_frames
 from .window import Window, camera_of, image_of, window_around, with_points
 
@@ -132,7 +132,7 @@ def write_filmed_capture(
 def _chosen(seen: HandFrames, blurs: np.ndarray, right: HandModel, camera: Camera) -> HandFrames:
     """Choose the frames of the capture; where they are too few, the error says how much skin all of them show."""
     try:
-        return seen.of(chosen_frames(seen.motion, seen.fit_error, blurs))
+        return seen.of(chosen_frames(seen.motion, seen.fit_error, blurs, smear_of(seen.px, seen.times_s)))
     except LiveHandError as error:
         some = range(0, len(seen.frames), max(1, len(seen.frames) // _SAMPLES))
         share = covered_share([seen.motion.pose(index) for index in some], [camera] * len(some), right)

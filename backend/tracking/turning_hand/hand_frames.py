@@ -32,12 +32,14 @@ class HandFrames:
 
     Attributes:
         frames: [N] increasing indices.
+        times_s: [N] of the film.
         motion: of N poses, in the capture's world.
         fit_error: [N].
         px: [N, 21, 2] landmarks in the picture.
     """
 
     frames: np.ndarray
+    times_s: np.ndarray
     motion: HandMotion
     fit_error: np.ndarray
     px: np.ndarray
@@ -45,7 +47,9 @@ class HandFrames:
     def of(self, indices: np.ndarray) -> HandFrames:
         """Select some of the frames."""
         motion = replace(self.motion, theta=self.motion.theta[indices], transl=self.motion.transl[indices])
-        return HandFrames(self.frames[indices], motion, self.fit_error[indices], self.px[indices])
+        return HandFrames(
+            self.frames[indices], self.times_s[indices], motion, self.fit_error[indices], self.px[indices]
+        )
 
 
 def film_camera(take: FilmedTake) -> Camera:
@@ -76,7 +80,7 @@ def hand_frames(take: FilmedTake, side: Side, fit: TakeFit, right: HandModel) ->
     motion = sampled_at(fit.motion, at[is_sure])
     motion = motion if side == "right" else mirrored(motion)
     motion = transformed(motion, to_blender("opencv"), rest_wrists(right, motion.beta))
-    return HandFrames(hand.frames[is_sure], motion, fit_error[is_sure], hand.px[is_sure])
+    return HandFrames(hand.frames[is_sure], times[is_sure], motion, fit_error[is_sure], hand.px[is_sure])
 
 
 def frames_of(play: Frames, frames: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:

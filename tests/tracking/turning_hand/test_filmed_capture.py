@@ -83,7 +83,7 @@ def test_masks_end_at_the_wrist_and_images_hold_the_place_of_the_arm(film, made,
         arm = is_skin & ~binary_dilation(shown, iterations=3)
         of_arm.append(arm.sum())
         masked.append((mask & arm).sum())
-    assert min(of_arm) > 800  # what there is to leave out
+    assert min(of_arm) > 600  # what there is to leave out
     assert max(masked) < 20  # where it bends, beside the cut
 
 
