@@ -6,13 +6,15 @@ from livehand.backend.compute.kernels.compiled import compiled_loosely
 from livehand.backend.compute.kernels.series import decayed, gaussian, grown, octaves
 
 
-@compiled_loosely
-def fill(values, rows):
+def fill_rows(values, rows):
     """Fill rows [4, N] with the series of values [N]; logarithms are those of the value against 1."""
     for k in range(len(values)):
         x = values[k]
         rows[0, k], rows[1, k], rows[2, k] = decayed(abs(x)), gaussian(x), grown(x)
         rows[3, k] = octaves(np.float32(1), np.float32(2) ** x)
+
+
+fill = compiled_loosely(fill_rows)
 
 
 def series(*values):
