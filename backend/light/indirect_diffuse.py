@@ -102,6 +102,12 @@ class MeshPoints(NamedTuple):
         """[R] which points lie beside the mesh."""
         return self.weight.sum(-1) == 0
 
+    def corners(self, count: int) -> Int[Tensor, " C"]:
+        """Return which of a mesh's vertices are corners of faces that points lie on, ascending."""
+        is_corner = torch.zeros(count, dtype=torch.bool, device=self.vertex.device)
+        is_corner[self.vertex.flatten()] = True
+        return is_corner.nonzero()[:, 0]
+
     def blend(self, values: Float[Tensor, "V C"]) -> Float[Tensor, "R C"]:
         """Interpolate values of the vertices at the points; 0 beside the mesh."""
         return embedding_bag(self.vertex, values, mode="sum", per_sample_weights=self.weight)
@@ -154,6 +160,8 @@ def indirect_diffuse_on_mesh(
         emitted: radiance of each surfel.
         indirect: as `indirect_diffuse`.
     """
-    received = hit_points.blend(indirect(surfels.vertices, surfels.normals, surfels, emitted))
+    corners = hit_points.corners(len(surfels.vertices))
+    at_corners = indirect(surfels.vertices[corners], surfels.normals[corners], surfels, emitted)
+    received = hit_points.blend(torch.zeros_like(surfels.vertices).index_put((corners,), at_corners))
     beside = hit_points.is_beside.nonzero()[:, 0]
     return received.index_put((beside,), indirect(position[beside], normal[beside], surfels, emitted))

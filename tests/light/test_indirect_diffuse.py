@@ -120,6 +120,22 @@ def test_a_fist_lights_its_inside_and_an_open_hand_not_its_back(posed, indirect_
     assert least <= float(found.quantile(share)) <= most
 
 
+def test_vertices_are_asked_for_light_only_where_points_are():
+    """Of four vertices the third is no corner; points have the light of theirs."""
+    surfels = discs(torch.eye(4, 3), UP.expand(4, 3), 1e-4)
+    asked = []
+
+    def heights(position, normal, surfels, emitted):
+        asked.append(position)
+        return position + 2
+
+    points = MeshPoints(torch.tensor([[0, 1, 3], [1, 3, 0]]), at([1.0, 0, 0], [0, 0.25, 0.75]))
+    found = indirect_diffuse_on_mesh(points, torch.zeros(2, 3), UP.expand(2, 3), surfels, torch.ones(4, 3), heights)
+    assert points.corners(4).tolist() == [0, 1, 3]
+    torch.testing.assert_close(asked[0], surfels.position[[0, 1, 3]])
+    torch.testing.assert_close(found, at([3.0, 2, 2], [2.75, 2, 2]))
+
+
 def test_places_are_the_references(posed, backend_pair):
     mesh, faces = posed("fist").mesh, posed("fist").topology.faces
     random = torch.Generator().manual_seed(2)

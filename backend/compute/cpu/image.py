@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...field.rays import CameraTensors, direction_axes
-from ...image.edge_avoiding_filter import FACING_POWER, SHARES, RaySurfacePoints
+from ...image.edge_avoiding_filter import SHARES, RaySurfacePoints
 from ...image.shading import MIN_ALPHA, EnlargedRays, RaysAround, ShadingInputs, SurfaceDepth, ray_depths, ray_rows
 from ...light.brdf import LEAST_ROUGHNESS
 from ...light.lighting import COEFFICIENTS, BumpMapping, LightFeatures
@@ -130,7 +130,7 @@ def edge_avoiding_mean(values: Float[Tensor, "R C"], hit_points: RaySurfacePoint
         means.numpy(),
     )
     in_parallel(
-        lambda first, last: mean_over_surface(record, _MEAN_SHARES, FACING_POWER, stride, before, first, last, after),
+        lambda first, last: mean_over_surface(record, _MEAN_SHARES, stride, before, first, last, after),
         len(values),
     )
     return means

@@ -61,11 +61,18 @@ def widened(alpha, light_radius_rad):
 @part
 def fresnel(cosine, squared_index):
     """Compute the reflected share, as `light.brdf.fresnel`."""
-    cosine = min(max(cosine, _0), _1)
+    above, below = fresnel_parts(min(max(cosine, _0), _1), squared_index)
+    return above / below
+
+
+@part
+def fresnel_parts(cosine, squared_index):
+    """Compute numerator and denominator of the reflected share for a cosine in [0, 1], to be divided once."""
     inside = np.sqrt(squared_index - _1 + cosine * cosine)
     less, more = inside - cosine, inside + cosine
-    straight, across = less / more, (cosine * more - _1) / (cosine * less + _1)
-    return _HALF * straight * straight * (_1 + across * across)
+    across, along = cosine * more - _1, cosine * less + _1
+    below = more * along
+    return _HALF * less * less * (along * along + across * across), below * below
 
 
 @part
@@ -76,18 +83,22 @@ def on_nail(nail, lobes):
 
 
 @part
-def ggx(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, lobes, both):
-    """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light`."""
+def ggx(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, lobes, tight, broad):
+    """Compute the sum of two lobes of these weights, a light in direction (x, y, z), of cosine `to_light`."""
     hx, hy, hz = x - view[0], y - view[1], z - view[2]
-    length = max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
-    hx, hy, hz = hx / length, hy / length, hz / length
+    inverse = _1 / max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
     to_eye = -(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2])
-    to_half = min(max(normal[0] * hx + normal[1] * hy + normal[2] * hz, _0), _1)
-    along_half = min(max(x * hx + y * hy + z * hz, _0), _1)
-    reflectance = fresnel(along_half, lobes.squared_index)
-    both[0] = reflectance * _lobe(to_light, to_eye, to_half, along_half, alphas_squared[0], _0, light_radius_rad)
-    hidden = max(alphas_squared[1] - lobes.skin_squared, _0)
-    both[1] = reflectance * _lobe(to_light, to_eye, to_half, along_half, alphas_squared[1], hidden, light_radius_rad)
+    to_half = min(max((normal[0] * hx + normal[1] * hy + normal[2] * hz) * inverse, _0), _1)
+    along_half = min(max((x * hx + y * hy + z * hz) * inverse, _0), _1)
+    both = _0
+    if tight > _0:
+        lobe = _lobe(to_light, to_eye, to_half, along_half, alphas_squared[0], _0, light_radius_rad)
+        both += tight * lobe
+    if broad > _0:
+        hidden = max(alphas_squared[1] - lobes.skin_squared, _0)
+        lobe = _lobe(to_light, to_eye, to_half, along_half, alphas_squared[1], hidden, light_radius_rad)
+        both += broad * lobe
+    return fresnel(along_half, lobes.squared_index) * both
 
 
 @part

@@ -12,6 +12,7 @@ import numpy as np
 
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
+from .series import grown, octaves
 from .vectors import TEXEL, add_texels
 
 _0, _HALF, _1, _TINY = (np.float32(value) for value in (0, 0.5, 1, 1e-12))
@@ -30,8 +31,8 @@ _ALONG_B, _ALONG_C, _UV_B, _UV_C = 31, 34, 37, 39
 _U, _V, _STEP, _COSINE, _BENT, _SURFACE = 41, 42, 43, 45, 46, 47
 _SLOPES_AT, _BLURRED_AT = 50, 56  # slopes that were read, sharp and blurred
 _BUMPED, _BLURRED = 62, 65  # normals
-_ORIGIN = 68
-_ROWS = 71
+_ORIGIN, _LEVEL = 68, 71  # of the maps
+_ROWS = 72
 
 
 class VisibleFaces(NamedTuple):
@@ -224,7 +225,10 @@ def _fill_specular(nail, coverage, coefficients):
 @part
 def _place(rows, constants):
     """Fill where in the maps the pixels look, and what is known of the surface there."""
+    first_m = rows[_DEPTH, 0]
+    first_level = np.log2(first_m * constants.texels) - constants.sharper
     for i in range(np.uintp(_BLOCK)):
+        rows[_LEVEL, i] = first_level + octaves(first_m, rows[_DEPTH, i])
         ax, ay, az = rows[_A, i], rows[_A + 1, i], rows[_A + 2, i]
         eye_x, eye_y, eye_z = rows[_ORIGIN, i], rows[_ORIGIN + 1, i], rows[_ORIGIN + 2, i]
         bx, by, bz = rows[_B, i] - ax, rows[_B + 1, i] - ay, rows[_B + 2, i] - az
@@ -232,16 +236,9 @@ def _place(rows, constants):
         nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
         squared = nx * nx + ny * ny + nz * nz
         inverse = _1 / max(squared, _TINY * _TINY)
-        to_bx, to_by, to_bz = (
-            (cy * nz - cz * ny) * inverse,
-            (cz * nx - cx * nz) * inverse,
-            (cx * ny - cy * nx) * inverse,
-        )
-        to_cx, to_cy, to_cz = (
-            (ny * bz - nz * by) * inverse,
-            (nz * bx - nx * bz) * inverse,
-            (nx * by - ny * bx) * inverse,
-        )
+        to_bx, to_by = (cy * nz - cz * ny) * inverse, (cz * nx - cx * nz) * inverse
+        to_cx, to_cy = (ny * bz - nz * by) * inverse, (nz * bx - nx * bz) * inverse
+        to_bz, to_cz = (cx * ny - cy * nx) * inverse, (nx * by - ny * bx) * inverse
         vx, vy, vz = rows[_VIEW, i], rows[_VIEW + 1, i], rows[_VIEW + 2, i]
         facing = vx * nx + vy * ny + vz * nz
         ahead = (ax - eye_x) * nx + (ay - eye_y) * ny + (az - eye_z) * nz
@@ -281,8 +278,7 @@ def _place(rows, constants):
 def _read(maps, constants, rows, index, values, blurred):
     """Fill a pixel's values [12] of the maps, and its columns of slopes."""
     u, v = rows[_U, index], rows[_V, index]
-    taps = min(int(_1 / rows[_COSINE, index] + constants.one_tap_more), constants.most_taps)
-    level = np.log2(rows[_DEPTH, index] * constants.texels) - constants.sharper
+    level, taps = rows[_LEVEL, index], _taps(constants, rows, index)
     for k in range(TEXEL):
         values[k], blurred[k] = _0, _0
     share = _1 / np.float32(taps)
@@ -297,13 +293,16 @@ def _read(maps, constants, rows, index, values, blurred):
 
 
 @part
+def _taps(constants, rows, index):
+    return min(int(_1 / rows[_COSINE, index] + constants.one_tap_more), constants.most_taps)
+
+
+@part
 def _read_ratio(ratio, constants, rows, index, log_ratio):
     """Fill the logarithm [3] of the person's factor on albedo, over the taps of `_read`."""
-    taps = min(int(_1 / rows[_COSINE, index] + constants.one_tap_more), constants.most_taps)
-    level = np.log2(rows[_DEPTH, index] * constants.texels) - constants.sharper + ratio.finer_by
-    level = min(max(level, _0), np.float32(len(ratio.first) - 1))
-    fine, share = int(level), _1 / np.float32(taps)
-    between = level - np.float32(fine)
+    level = min(max(rows[_LEVEL, index] + ratio.finer_by, _0), np.float32(len(ratio.first) - 1))
+    fine, taps = int(level), _taps(constants, rows, index)
+    between, share = level - np.float32(fine), _1 / np.float32(taps)
     for k in range(_COLOURED):
         log_ratio[k] = _0
     for tap in range(taps):
@@ -352,7 +351,7 @@ def _finish(image, constants, rows, index, pixel, values, log_ratio, coverage):
     folded = (dorsal * values[7] + palmar * values[8]) * constants.shade
     for k in range(3):
         pigment = values[_SLOPES] * constants.shade * constants.pigment_colour[k]
-        factor = np.exp(pigment + log_ratio[k] + folded * constants.fold_log_albedo[k])
+        factor = grown(pigment + log_ratio[k] + folded * constants.fold_log_albedo[k])
         for group in range(_COLOURED):
             coefficients[_COLOURS + 3 * group + k] *= factor
 

@@ -12,6 +12,7 @@ import numpy as np
 from .compiled import compiled, compiled_loosely
 from .compiled import compiled_part as part
 from .compiled import compiled_part_loosely as loose_part
+from .series import gaussian
 
 _0, _HALF, _1, _INF = (np.float32(value) for value in (0, 0.5, 1, np.inf))
 _BITS = 16
@@ -329,38 +330,55 @@ def blend_parts(colours, alpha, depth, width, edges, least_alpha, first, last, o
                 out[slot, c] = (of_other + share[slot] * (of_first - of_other)) * min(alpha[here], _1)
 
 
+_AROUND = 9
+
+
 @compiled_loosely
-def mean_over_surface(rays, shares, facing_power, stride, before, first, last, after):
+def mean_over_surface(rays, shares, stride, before, first, last, after):
     """Fill `after` [R, C] for rays [first, last): means of `before` over rays beside them (`RaysOnSurface`)."""
+    others, weights = np.empty(_AROUND, np.uintp), np.empty(_AROUND, np.float32)
     for index in range(first, last):
-        _mean_of_ray(index, rays, shares, facing_power, stride, before, after)
+        here = np.uintp(index)
+        _weigh_around(here, rays, shares, stride, others, weights)
+        _mean_of_rows(before, others, weights, after[here])
 
 
 @loose_part
-def _mean_of_ray(index, rays, shares, facing_power, stride, before, after):
-    height, columns = len(rays.row) // rays.width, np.uintp(before.shape[1])
-    here = np.uintp(index)
+def _weigh_around(here, rays, shares, stride, others, weights):
+    """Fill the rays [9] around one, itself where there is none, and their weights, which add up to 1."""
+    height = len(rays.row) // rays.width
     y, x = rays.pixel[here] // rays.width, rays.pixel[here] % rays.width
-    total = shares[0]
-    for k in range(columns):
-        after[here, k] = shares[0] * before[here, k]
+    total, slot = _0, np.uintp(0)
     for dy in range(-1, 2):
         for dx in range(-1, 2):
             there_y, there_x = y + stride * dy, x + stride * dx
             is_inside = 0 <= there_y < height and 0 <= there_x < rays.width
-            if (dy == 0 and dx == 0) or not is_inside or rays.row[there_y * rays.width + there_x] < 0:
-                continue
-            other, off_m, facing = np.uintp(rays.row[there_y * rays.width + there_x]), _0, _0
+            ray = rays.row[there_y * rays.width + there_x] if is_inside else np.int32(-1)
+            other, off_m, facing = np.uintp(ray) if ray >= 0 else here, _0, _0
             for k in range(3):
                 off_m += (rays.position[other, k] - rays.position[here, k]) * rays.normal[here, k]
                 facing += rays.normal[other, k] * rays.normal[here, k]
-            if facing <= _0:
-                continue
-            off = off_m / rays.off_plane_m
-            weight = shares[abs(dy) + abs(dx)] * facing**facing_power * np.exp(-off * off)
+            off, facing = off_m / rays.off_plane_m, max(facing, _0)
+            weight = shares[abs(dy) + abs(dx)]
+            if other != here:
+                weight *= facing * facing * facing * facing * gaussian(off)
+            elif dy != 0 or dx != 0:
+                weight = _0
+            others[slot], weights[slot] = other, weight
             total += weight
-            for k in range(columns):
-                after[here, k] += weight * before[other, k]
+            slot += np.uintp(1)
     inverse = _1 / total
-    for k in range(columns):
-        after[here, k] *= inverse
+    for k in range(_AROUND):
+        weights[k] *= inverse
+
+
+@loose_part
+def _mean_of_rows(rows, which, weights, out):
+    """Fill out [C] with the weighted sum of nine rows."""
+    a, b, c, d, e, f, g, h, i = which[0], which[1], which[2], which[3], which[4], which[5], which[6], which[7], which[8]
+    wa, wb, wc, wd, we = weights[0], weights[1], weights[2], weights[3], weights[4]
+    wf, wg, wh, wi = weights[5], weights[6], weights[7], weights[8]
+    for k in range(np.uintp(len(out))):
+        upper = wa * rows[a, k] + wb * rows[b, k] + wc * rows[c, k]
+        middle = wd * rows[d, k] + we * rows[e, k] + wf * rows[f, k]
+        out[k] = upper + middle + wg * rows[g, k] + wh * rows[h, k] + wi * rows[i, k]

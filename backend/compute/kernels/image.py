@@ -92,88 +92,127 @@ def view_directions(pixel, width, axes, first, last, out):
         out[index, 0], out[index, 1], out[index, 2] = dx * inverse, dy * inverse, dz * inverse
 
 
+class _PixelBuffers(NamedTuple):
+    """What a pixel is lit in.
+
+    Attributes:
+        here: [C] light of the rays around.
+        rgb: [3].
+        relief: [3] what the relief adds.
+        mirrored: [2, 3] the sky in both lobes.
+        even: [2] of light of 1 from everywhere.
+        squared: [2] alphas.
+        mirroring: [3] normal that mirrors the sky.
+        steep: [3] normal of gloss.
+        steeper: [3] that, if it mirrors the skin.
+        values: [8] of a texel.
+    """
+
+    here: np.ndarray
+    rgb: np.ndarray
+    relief: np.ndarray
+    mirrored: np.ndarray
+    even: np.ndarray
+    squared: np.ndarray
+    mirroring: np.ndarray
+    steep: np.ndarray
+    steeper: np.ndarray
+    values: np.ndarray
+
+
 @compiled
 def relit_pixels(image, sky, lobes, first, last, out):
     """Fill out [H * W, 3] with the colours of pixels [first, last) of `image` (`RelitImage`); `sky`: `MirrorArrays`."""
-    lamps, columns = len(image.lamp_rgb), image.light.shape[1]
-    here, both, rgb = np.empty(columns, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
-    at, around = np.empty(4, np.int64), np.empty(4, np.float32)
+    buffers = _PixelBuffers(
+        np.empty(image.light.shape[1], np.float32),
+        np.empty(3, np.float32),
+        np.empty(3, np.float32),
+        np.empty((2, 3), np.float32),
+        np.empty(2, np.float32),
+        np.empty(2, np.float32),
+        np.empty(3, np.float32),
+        np.empty(3, np.float32),
+        np.empty(3, np.float32),
+        np.empty(8, np.float32),
+    )
+    for index in range(first, last):
+        _relight(image, sky, lobes, np.uintp(index), buffers, out)
+
+
+@part
+def _relight(image, sky, lobes, index, buffers, out):
+    """Fill the colour of a pixel."""
+    lamps = len(image.lamp_rgb)
     sky_at, visible_at, near_at = 3 * lamps, 3 * lamps + 9, 3 * lamps + 11
     scattered_at, arriving_at = 3 * lamps + 17, 3 * lamps + 23
-    mirrored, mirroring = np.empty((2, 3), np.float32), np.empty(3, np.float32)
-    even, squared, relief = np.empty(2, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
-    values, steep, steeper = np.empty(8, np.float32), np.empty(3, np.float32), np.empty(3, np.float32)
-    for index in range(first, last):
-        if not image.coefficients[index].any():
-            continue  # beside the surface
-        neighbours(len(image.row), image.width, image.pixel[index], at, around)
-        for k in range(4):
-            ray = image.row[at[k]]
-            at[k], around[k] = max(ray, 0), image.share[index, k] if ray >= 0 else _0
-        _blend(image.light, at, around, here)
-        normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
-        surface_normal, blurred, nail = image.surface_normal[index], image.blurred_normal[index], image.nail[index]
-        along, along_blurred = _dot(normal, surface_normal), _dot(blurred, surface_normal)
-        clamped_reflection_normal(normal, surface_normal, view, along, mirroring)
-        squared[0], squared[1] = on_nail(nail, lobes), image.alpha_squared[index]
-        skin = row_of_lobe(sky, squared[1])
-        for lobe in range(2):
-            even[lobe], mirrored[lobe, 0], mirrored[lobe, 1], mirrored[lobe, 2] = _0, _0, _0, _0
-            # An avatar's surface has the second lobe alone on skin, and the first on nails.
-            if weights[GLOSS + lobe] > _0 or (nail > _0 if lobe == 0 else nail < _1):
-                rough = skin if lobe == 1 else row_of_lobe(sky, squared[0])
-                even[lobe] = mirror(sky, mirroring, view, rough, values, mirrored[lobe])
-        # The first lobe on nails, the second on skin: what is reflected does not enter.
-        of_lobes = even[1] + nail * (even[0] - even[1])
-        of_surface = of_even_light(sky, -_dot(surface_normal, view), skin)
-        if nail > _0:
-            of_nail = of_even_light(sky, -_dot(surface_normal, view), row_of_lobe(sky, squared[0]))
-            of_surface += nail * (of_nail - of_surface)
-        under = (_1 - of_lobes) / (_1 - of_surface)
-        to_eye = -_dot(mirroring, view)
-        above = _dot(surface_normal, view) + _2 * to_eye * _dot(mirroring, surface_normal)
-        for lobe in range(2):
-            leaving = horizon_occlusion(above, to_eye, squared[lobe])
-            even[lobe] *= leaving
-            for c in range(3):
-                mirrored[lobe, c] *= leaving
+    here, rgb, relief, mirrored, even, squared, mirroring, steep, steeper, values = buffers
+    weights = image.coefficients[index]
+    if not weights.any():
+        return  # beside the surface
+    _blend(image, index, len(image.row) // image.width, here)
+    normal, view = image.normal[index], image.view_direction[index]
+    surface_normal, blurred, nail = image.surface_normal[index], image.blurred_normal[index], image.nail[index]
+    along, along_blurred = _dot(normal, surface_normal), _dot(blurred, surface_normal)
+    clamped_reflection_normal(normal, surface_normal, view, along, mirroring)
+    squared[0], squared[1] = on_nail(nail, lobes), image.alpha_squared[index]
+    skin = row_of_lobe(sky, squared[1])
+    for lobe in range(2):
+        even[lobe], mirrored[lobe, 0], mirrored[lobe, 1], mirrored[lobe, 2] = _0, _0, _0, _0
+        # An avatar's surface has the second lobe alone on skin, and the first on nails.
+        if weights[GLOSS + lobe] > _0 or (nail > _0 if lobe == 0 else nail < _1):
+            rough = skin if lobe == 1 else row_of_lobe(sky, squared[0])
+            even[lobe] = mirror(sky, mirroring, view, rough, values, mirrored[lobe])
+    # The first lobe on nails, the second on skin: what is reflected does not enter.
+    of_lobes = even[1] + nail * (even[0] - even[1])
+    of_surface = of_even_light(sky, -_dot(surface_normal, view), skin)
+    if nail > _0:
+        of_nail = of_even_light(sky, -_dot(surface_normal, view), row_of_lobe(sky, squared[0]))
+        of_surface += nail * (of_nail - of_surface)
+    under = (_1 - of_lobes) / (_1 - of_surface)
+    to_eye = -_dot(mirroring, view)
+    above = _dot(surface_normal, view) + _2 * to_eye * _dot(mirroring, surface_normal)
+    for lobe in range(2):
+        leaving = horizon_occlusion(above, to_eye, squared[lobe])
+        even[lobe] *= leaving
         for c in range(3):
-            x, y, z = here[sky_at + c], here[sky_at + 3 + c], here[sky_at + 6 + c]
-            sharp = max(x * normal[0] + y * normal[1] + z * normal[2], _0)
-            wide = max(x * blurred[0] + y * blurred[1] + z * blurred[2], _0)
-            rgb[c] = (
-                weights[DIFFUSE + c] * (wide + image.sharpness[c] * (sharp - wide)) * under
-                + weights[SCATTERED + c] * here[scattered_at + c] * under
-                + weights[GLOSS] * (here[visible_at] * mirrored[0, c] + here[near_at + c])
-                + weights[GLOSS + 1] * (here[visible_at + 1] * mirrored[1, c] + here[near_at + 3 + c])
-            )
-        relief[:] = _0
-        if lamps > 0:
-            along_steep = glossy_normal(normal, surface_normal, along, steep)
-            clamped_reflection_normal(steep, surface_normal, view, along_steep, steeper)
-        for lamp in range(lamps):
-            x, y, z = here[3 * lamp], here[3 * lamp + 1], here[3 * lamp + 2]
-            strength = max(np.sqrt(x * x + y * y + z * z), TINY)
-            x, y, z = x / strength, y / strength, z / strength
-            sharp = _bumped(normal, x, y, z, along, surface_normal)
-            wide = _bumped(blurred, x, y, z, along_blurred, surface_normal)
-            rising = x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2]
-            flat, above, specular = max(rising, _0), share_above(rising, image.lamp_radius_rad[lamp]), _0
-            if above > _0:
-                facing_mirror = x * steeper[0] + y * steeper[1] + z * steeper[2]
-                ggx(facing_mirror, x, y, z, steeper, view, image.lamp_radius_rad[lamp], squared, lobes, both)
-                specular = strength * above * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
-            for c in range(3):
-                bent = wide + image.sharpness[c] * (sharp - wide)
-                rgb[c] += image.lamp_rgb[lamp, c] * (strength * weights[DIFFUSE + c] * bent * under + specular)
-                relief[c] += image.lamp_rgb[lamp, c] * strength * (bent - flat)
-        of_skin = weights[GLOSS] * even[0] + weights[GLOSS + 1] * even[1]
+            mirrored[lobe, c] *= leaving
+    for c in range(3):
+        x, y, z = here[sky_at + c], here[sky_at + 3 + c], here[sky_at + 6 + c]
+        sharp = max(x * normal[0] + y * normal[1] + z * normal[2], _0)
+        wide = max(x * blurred[0] + y * blurred[1] + z * blurred[2], _0)
+        rgb[c] = (
+            weights[DIFFUSE + c] * (wide + image.sharpness[c] * (sharp - wide)) * under
+            + weights[SCATTERED + c] * here[scattered_at + c] * under
+            + weights[GLOSS] * (here[visible_at] * mirrored[0, c] + here[near_at + c])
+            + weights[GLOSS + 1] * (here[visible_at + 1] * mirrored[1, c] + here[near_at + 3 + c])
+        )
+    relief[:] = _0
+    if lamps > 0:
+        along_steep = glossy_normal(normal, surface_normal, along, steep)
+        clamped_reflection_normal(steep, surface_normal, view, along_steep, steeper)
+    for lamp in range(lamps):
+        x, y, z = here[3 * lamp], here[3 * lamp + 1], here[3 * lamp + 2]
+        strength = max(np.sqrt(x * x + y * y + z * z), TINY)
+        x, y, z = x / strength, y / strength, z / strength
+        sharp = _bumped(normal, x, y, z, along, surface_normal)
+        wide = _bumped(blurred, x, y, z, along_blurred, surface_normal)
+        rising = x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2]
+        flat, above, specular = max(rising, _0), share_above(rising, image.lamp_radius_rad[lamp]), _0
+        if above > _0:
+            facing_mirror = x * steeper[0] + y * steeper[1] + z * steeper[2]
+            of_lamp = facing_mirror, x, y, z, steeper, view, image.lamp_radius_rad[lamp]
+            specular = strength * above * ggx(*of_lamp, squared, lobes, weights[GLOSS], weights[GLOSS + 1])
         for c in range(3):
-            # Light that enters a little deeper shows the relief, too.
-            shallow = max(here[scattered_at + 3 + c] + SHALLOW_SCALE * relief[c], _0)
-            rgb[c] += weights[SCATTERED + 3 + c] * shallow * under
-            share = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c] + of_skin
-            out[image.pixel[index], c] = rgb[c] * here[arriving_at + c] + share * here[arriving_at + 3 + c]
+            bent = wide + image.sharpness[c] * (sharp - wide)
+            rgb[c] += image.lamp_rgb[lamp, c] * (strength * weights[DIFFUSE + c] * bent * under + specular)
+            relief[c] += image.lamp_rgb[lamp, c] * strength * (bent - flat)
+    of_skin = weights[GLOSS] * even[0] + weights[GLOSS + 1] * even[1]
+    for c in range(3):
+        # Light that enters a little deeper shows the relief, too.
+        shallow = max(here[scattered_at + 3 + c] + SHALLOW_SCALE * relief[c], _0)
+        rgb[c] += weights[SCATTERED + 3 + c] * shallow * under
+        share = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c] + of_skin
+        out[image.pixel[index], c] = rgb[c] * here[arriving_at + c] + share * here[arriving_at + 3 + c]
 
 
 @part
@@ -189,29 +228,33 @@ def _dot(a, b):
 
 
 @part
-def neighbours(count, width, pixel, at, weights):
-    """Fill the four low-resolution pixels around a full-size one, and their bilinear weights."""
-    height = count // width
-    row, column = pixel // (2 * width), pixel % (2 * width)
-    top = min(max((row - 1) // 2, 0), height - 1)
-    left = min(max((column - 1) // 2, 0), width - 1)
-    bottom, right = min((row + 1) // 2, height - 1), min((column + 1) // 2, width - 1)
-    wy = _QUARTER if row % 2 else _3Q
-    wx = _QUARTER if column % 2 else _3Q
-    at[0], at[1], at[2], at[3] = top * width + left, top * width + right, bottom * width + left, bottom * width + right
-    weights[0], weights[1] = (_1 - wy) * (_1 - wx), (_1 - wy) * wx
-    weights[2], weights[3] = wy * (_1 - wx), wy * wx
+def neighbours(height, width, pixel):
+    """Find the four low-resolution pixels around one at twice the size, and their bilinear weights, as tuples."""
+    large, at = np.uint32(2 * width), np.uint32(pixel)
+    row = np.uint32(at // large)
+    y, x = np.int64(row), np.int64(at) - np.int64(row) * np.int64(large)
+    top, left = max((y - 1) >> 1, 0) * width, max((x - 1) >> 1, 0)
+    bottom, right = min((y + 1) >> 1, height - 1) * width, min((x + 1) >> 1, width - 1)
+    below, beside = _QUARTER if y & 1 else _3Q, _QUARTER if x & 1 else _3Q
+    above, here = _1 - below, _1 - beside
+    pixels = np.uintp(top + left), np.uintp(top + right), np.uintp(bottom + left), np.uintp(bottom + right)
+    return pixels, (above * here, above * beside, below * here, below * beside)
 
 
 @part
-def _blend(rows, at, weights, here):
-    a, b, c, d = np.uintp(at[0]), np.uintp(at[1]), np.uintp(at[2]), np.uintp(at[3])
-    wa, wb, wc, wd = weights[0], weights[1], weights[2], weights[3]
+def _blend(image, index, height, here):
+    """Fill the light [C] that arrives at a pixel, of the rays around it."""
+    (a, b, c, d), _ = neighbours(height, image.width, image.pixel[index])
+    ra, rb, rc, rd = image.row[a], image.row[b], image.row[c], image.row[d]
+    wa, wb = image.share[index, 0] if ra >= 0 else _0, image.share[index, 1] if rb >= 0 else _0
+    wc, wd = image.share[index, 2] if rc >= 0 else _0, image.share[index, 3] if rd >= 0 else _0
+    a, b, c, d = np.uintp(max(ra, 0)), np.uintp(max(rb, 0)), np.uintp(max(rc, 0)), np.uintp(max(rd, 0))
+    rows = image.light
     for k in range(np.uintp(len(here))):
         here[k] = wa * rows[a, k] + wb * rows[b, k] + wc * rows[c, k] + wd * rows[d, k]
 
 
-_COEFFICIENTS, _SMOOTH, _NORMAL, _WEIGHT, _VALUES = 14, 6, 14, 17, 18
+_SMOOTH, _NORMAL, _WEIGHT, _VALUES = 6, 14, 17, 18
 """A pixel's values: coefficients, the first of them without detail, normal, and alpha or what is made of it."""
 _ALPHA = _VALUES - 1 - _SMOOTH  # among the detail's channels
 _STEP, _NEXT = np.uintp(_VALUES), np.uintp(1)
@@ -256,13 +299,16 @@ def _blend_line(maps, y, width, line):
     """Fill line [w, 18] with the maps' values between the two of their rows that lie about a full-size row."""
     top, bottom = max((y - 1) // 2, 0) * width, min((y + 1) // 2, len(maps) // width - 1) * width
     below = _QUARTER if y % 2 else _3Q
-    above, left_out = _1 - below, np.uintp(maps.shape[1] - _VALUES)
+    # Numbers that are not known to the compiler, or these were no vector loops.
+    values = np.uintp(line.shape[1])
+    above, left_out, coefficients = _1 - below, np.uintp(maps.shape[1]) - values, values - np.uintp(4)
     for x in range(width):
         a, b = np.uintp(top + x), np.uintp(bottom + x)
-        for k in range(_VALUES):
-            to = np.uintp(k)
-            at = to if k < _COEFFICIENTS else to + left_out
-            line[np.uintp(x), to] = above * maps[a, at] + below * maps[b, at]
+        to = np.uintp(x)
+        for k in range(coefficients):
+            line[to, k] = above * maps[a, k] + below * maps[b, k]
+        for k in range(coefficients, values):
+            line[to, k] = above * maps[a, k + left_out] + below * maps[b, k + left_out]
 
 
 @part
@@ -276,12 +322,14 @@ def _enlarge_pixel(pixel, x, line, detail, world2cam, min_alpha, row, alphas):
     alphas[pixel] = alpha
     visible, weight = min(max(alpha, _0), _1), min(max(alpha, min_alpha), _1)
     of_left, of_right = of_left * straight, of_right * straight
-    for k in range(_WEIGHT):
-        row[to + np.uintp(k)] = of_left * line[left, np.uintp(k)] + of_right * line[right, np.uintp(k)]
-    for k in range(_SMOOTH, _WEIGHT):
-        row[to + np.uintp(k)] += detail[pixel, np.uintp(k - _SMOOTH)]
-    for k in range(_COEFFICIENTS):
-        row[to + np.uintp(k)] = max(row[to + np.uintp(k)], _0) * visible
+    values = np.uintp(line.shape[1] - 1)  # not known to the compiler, or these were no vector loops
+    for k in range(values):
+        row[to + k] = of_left * line[left, k] + of_right * line[right, k]
+    smooth = np.uintp(_SMOOTH)
+    for k in range(smooth, values):
+        row[to + k] += detail[pixel, k - smooth]
+    for k in range(values - np.uintp(3)):
+        row[to + k] = max(row[to + k], _0) * visible
     at = to + np.uintp(_NORMAL)
     nx, ny, nz = row[at], row[at + _NEXT], row[at + _NEXT + _NEXT]
     scale = weight / max(np.sqrt(nx * nx + ny * ny + nz * nz), TINY)
@@ -303,11 +351,10 @@ def _mean_of_pixel(index, pixel, column, min_alpha, summed, out):
     right, at = left + _STEP + _STEP, np.uintp(_WEIGHT)
     total = _QUARTER * (summed[left + at] + summed[right + at]) + _HALF * summed[left + _STEP + at]
     beside = _QUARTER * min(max(out.alpha[pixel], min_alpha), _1) / total
-    for k in range(_COEFFICIENTS):
-        at, to = left + np.uintp(k), np.uintp(k)
-        out.coefficients[index, to] = (
-            beside * (summed[at] + summed[at + _STEP + _STEP]) + (beside + beside) * summed[at + _STEP]
-        )
+    middle = left + _STEP
+    for k in range(np.uintp(out.coefficients.shape[1])):
+        at_sides = summed[left + k] + summed[right + k]
+        out.coefficients[index, k] = beside * at_sides + (beside + beside) * summed[middle + k]
     squared = _0
     for k in range(3):
         at, to = left + np.uintp(_NORMAL + k), np.uintp(k)

@@ -8,19 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .brdf import GRAZING, LEAST_COSINE, TINY, fresnel, widened
+from .brdf import GRAZING, LEAST_COSINE, TINY, fresnel_parts, widened
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
+from .series import decayed
 
 _0, _HALF, _1, _2, _3, _4 = (np.float32(value) for value in (0, 0.5, 1, 2, 3, 4))
-_16, _SIXTH, _24TH = (np.float32(value) for value in (16, 1 / 6, 1 / 24))
+_16 = np.float32(16)
 _PI, _LEAST_SQUARED_M, _TOUCHING_SQUARED_M = (np.float32(value) for value in (pi, 0.005**2, 1e-8))
 _LEAST_LENGTH, _LEAST_FACING = np.float32(1e-12), np.float32(1e-6)
 BLOCK = 128
 """Points whose light is computed at once."""
 # Rows of a block, and of its sums.
 _NORMAL, _RELIEF, _VIEW, _TO_EYE, _EYE_TERM, _FACING, _ARRIVING, _VALUE = 0, 3, 6, 9, 10, 12, 13, 14
-_POSITION, _TOWARDS, _ROWS = 15, 18, 21
+_POSITION, _TOWARDS, _LONG, _TO_HALF, _ABOVE_FRESNEL, _BELOW_FRESNEL, _ROWS = 15, 18, 21, 22, 23, 24, 25
 _SCATTERED, _VECTORS, _SEEN, _WHOLE, _SUMS = 0, 6, 15, 17, 19
 
 PointArrays = namedtuple("PointArrays", "position normal relief_normal view_direction")
@@ -75,17 +76,13 @@ def light_features(points, sky, lamps, lobes, first, last, out):
     """Fill the features of points [first, last) (`FeatureArrays`)."""
     work, sums = np.empty((_ROWS, BLOCK), np.float32), np.empty((_SUMS, BLOCK), np.float32)
     vectors = np.empty((3 * len(lamps.rgb), BLOCK), np.float32)
-    brightest = _0
-    for k in range(len(sky.brightness)):
-        brightest = max(brightest, sky.brightness[k])
-    shines = brightest > _0
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
         _load(points, lobes, start, count, work)
         sums[:], vectors[:] = _0, _0
         for k in range(len(sky.towards)):
-            if sky.share[k] > _0:
-                _add_direction(sky, lobes, k, shines, start, count, work, sums)
+            if sky.share[k] > _0 and sky.brightness[k] > _0:
+                _add_direction(sky, lobes, k, start, count, work, sums)
         for k in range(len(lamps.lamp)):
             _add_lamp(lamps, lobes, k, start, count, work, sums, vectors)
         _store(start, count, sums, vectors, out)
@@ -132,23 +129,24 @@ def _load(points, lobes, start, count, work):
 
 
 @part
-def _add_direction(sky, lobes, k, shines, start, count, work, sums):
+def _add_direction(sky, lobes, k, start, count, work, sums):
     """Add one direction of the sky to a block. Short loops over few rows each, which become vector instructions."""
     depth = sky.depth_in_m[k, start : start + count]
     lit = sky.lit[k, start : start + count]
+    red, green, blue = sky.flux[k, 0], sky.flux[k, 1], sky.flux[k, 2]
     for layer in range(2):
         _scatter_row(sky.towards[k], lobes, layer, depth, work, work[_VALUE])
-        for c in range(3):
-            _add_row(sums[_SCATTERED + 3 * layer + c], work[_VALUE], sky.flux[k, c], count)
+        at = _SCATTERED + 3 * layer
+        _add_colours(sums[at], sums[at + 1], sums[at + 2], work[_VALUE], red, green, blue, count)
     _arriving_row(sky.towards[k], lit, work, work[_ARRIVING])
     for axis in range(3):
-        for c in range(3):
-            _add_row(sums[_VECTORS + 3 * axis + c], work[_ARRIVING], sky.towards[k, axis] * sky.flux[k, c], count)
-    if not shines:
-        return
+        at, along = _VECTORS + 3 * axis, sky.towards[k, axis]
+        to = red * along, green * along, blue * along
+        _add_colours(sums[at], sums[at + 1], sums[at + 2], work[_ARRIVING], to[0], to[1], to[2], count)
+    _half_rows(sky.towards[k], lobes.squared_index, count, work)
     for lobe in range(2):
         squared = widened(lobes.alpha[lobe], lobes.sky_cell_rad)
-        _lobe_row(sky.towards[k], lobes.squared_index, squared, count, work[_EYE_TERM + lobe], work, work[_VALUE])
+        _lobe_row(squared, count, work[_EYE_TERM + lobe], work, work[_VALUE])
         _add_row(sums[_WHOLE + lobe], work[_VALUE], sky.brightness[k], count)
         _add_lit_row(sums[_SEEN + lobe], work[_VALUE], lit, sky.brightness[k])
 
@@ -157,6 +155,15 @@ def _add_direction(sky, lobes, k, shines, start, count, work, sums):
 def _add_row(total, values, factor, count):
     for index in range(count):
         total[index] += values[index] * factor
+
+
+@part
+def _add_colours(reds, greens, blues, values, red, green, blue, count):
+    """Add values times a colour to three rows."""
+    for index in range(count):
+        reds[index] += values[index] * red
+        greens[index] += values[index] * green
+        blues[index] += values[index] * blue
 
 
 @part
@@ -173,17 +180,7 @@ def _scatter_row(towards, lobes, layer, depth_in_m, work, out):
     wrap, scale, rate = lobes.wrap[layer], lobes.scattered_scale[layer], _1 / (_16 * lobes.scatter_m[layer])
     for index in range(len(depth_in_m)):
         around = max((x * nx[index] + y * ny[index] + z * nz[index] + wrap) * scale, _0)
-        out[index] = around * _decayed(depth_in_m[index] * rate)
-
-
-@part
-def _decayed(part):
-    """Compute exp(-16 part) = (1 / exp(part))^16, a short series: exact to 1e-6 where it is not next to nothing."""
-    decay = _1 / (_1 + part * (_1 + part * (_HALF + part * (_SIXTH + part * _24TH))))
-    decay *= decay
-    decay *= decay
-    decay *= decay
-    return decay * decay
+        out[index] = around * decayed(depth_in_m[index] * rate)
 
 
 @part
@@ -198,21 +195,34 @@ def _arriving_row(towards, lit, work, out):
 
 
 @part
-def _lobe_row(towards, squared_index, squared, count, eye_term, work, out):
-    """Compute what a lobe reflects of a direction's light, if nothing hides it; as `brdf.ggx`."""
+def _half_rows(towards, squared_index, count, work):
+    """Compute what both lobes need of the half vector: its squared length, squared cosine, and Fresnel's reflectance.
+
+    Half vectors are not of unit length: of two unit directions, half their length is the cosine to either. Both values
+    besides the length are numerators over its square and `_BELOW_FRESNEL`.
+    """
     x, y, z = towards[0], towards[1], towards[2]
     rx, ry, rz = work[_RELIEF], work[_RELIEF + 1], work[_RELIEF + 2]
     vx, vy, vz = work[_VIEW], work[_VIEW + 1], work[_VIEW + 2]
-    facing, to_eye = work[_FACING], work[_TO_EYE]
+    long, facing_half, above, below = work[_LONG], work[_TO_HALF], work[_ABOVE_FRESNEL], work[_BELOW_FRESNEL]
     for index in range(count):
         hx, hy, hz = x - vx[index], y - vy[index], z - vz[index]
-        inverse = _1 / max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
-        to_half = min(max((rx[index] * hx + ry[index] * hy + rz[index] * hz) * inverse, _0), _1)
-        reflectance = fresnel((x * hx + y * hy + z * hz) * inverse, squared_index)
-        base = to_half * to_half * (squared - _1) + _1
-        light = facing[index]
+        squared = max(hx * hx + hy * hy + hz * hz, TINY)
+        to_half = max(rx[index] * hx + ry[index] * hy + rz[index] * hz, _0)
+        long[index], facing_half[index] = squared, min(to_half * to_half, squared)
+        above[index], below[index] = fresnel_parts(min(_HALF * np.sqrt(squared), _1), squared_index)
+
+
+@part
+def _lobe_row(squared, count, eye_term, work, out):
+    """Compute what a lobe reflects of a direction's light, if nothing hides it; as `brdf.ggx`."""
+    long, facing_half, above, below = work[_LONG], work[_TO_HALF], work[_ABOVE_FRESNEL], work[_BELOW_FRESNEL]
+    facing, to_eye = work[_FACING], work[_TO_EYE]
+    for index in range(count):
+        length, light = long[index], facing[index]
+        base = facing_half[index] * (squared - _1) + length
         shadowing = light * eye_term[index] + to_eye[index] * np.sqrt(light * light * (_1 - squared) + squared)
-        value = squared * _HALF * reflectance * light / (base * base * shadowing)
+        value = squared * _HALF * light * length * length * above[index] / (base * base * shadowing * below[index])
         out[index] = value if light > LEAST_COSINE else _0
 
 
@@ -264,7 +274,7 @@ def _scatter_lamp_row(lobes, layer, rate, depth_in_m, work, strength, out):
     wrap, scale = lobes.wrap[layer], lobes.scattered_scale[layer]
     for index in range(len(depth_in_m)):
         cosine = x[index] * nx[index] + y[index] * ny[index] + z[index] * nz[index]
-        out[index] = max((cosine + wrap) * scale, _0) * _decayed(depth_in_m[index] * rate) * strength[index]
+        out[index] = max((cosine + wrap) * scale, _0) * decayed(depth_in_m[index] * rate) * strength[index]
 
 
 @part

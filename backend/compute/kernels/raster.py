@@ -70,26 +70,27 @@ def nearest_depth(mesh, width, first_row, last_row, has_backs, nearest):
 
 
 @part
-def nearest_sides(projected, faces, size, fronts, backs):
+def nearest_sides(projected, faces, size, cells, fronts, backs):
     """Lower `fronts` and `backs` [P] to the first front and the first back face in an image of size x size.
 
     Args:
         projected: [3, V] x and y, px, and depth, m.
         faces: [F, 3].
         size: of the image, px.
+        cells: [4, V] buffer.
         fronts: [P] depth, m.
         backs: [P]; may be the same.
     """
+    _fill_cells(projected, size, cells)
     for face in range(faces.shape[0]):
         a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
-        ax, bx, cx = projected[0, a], projected[0, b], projected[0, c]
-        ay, by, cy = projected[1, a], projected[1, b], projected[1, c]
-        x0, x1 = _centres(min(ax, bx, cx), max(ax, bx, cx), 0, size)
-        y0, y1 = _centres(min(ay, by, cy), max(ay, by, cy), 0, size)
+        x0, x1 = min(cells[0, a], cells[0, b], cells[0, c]), max(cells[1, a], cells[1, b], cells[1, c])
+        y0, y1 = min(cells[2, a], cells[2, b], cells[2, c]), max(cells[3, a], cells[3, b], cells[3, c])
         if (x0 >= x1) | (y0 >= y1):
             continue
         # From corner a; the weights of b and c, and 1 / depth, are linear on screen.
-        bx, by, cx, cy = bx - ax, by - ay, cx - ax, cy - ay
+        ax, ay = projected[0, a], projected[1, a]
+        bx, by, cx, cy = projected[0, b] - ax, projected[1, b] - ay, projected[0, c] - ax, projected[1, c] - ay
         area = bx * cy - by * cx
         za, zb, zc = projected[2, a], projected[2, b], projected[2, c]
         if (abs(area) <= _MIN_AREA) | (min(za, zb, zc) <= _NEAR_M):
@@ -108,13 +109,27 @@ def nearest_sides(projected, faces, size, fronts, backs):
                 nearest[row + x] = min(nearest[row + x], z if is_covered else np.float32(np.inf))
 
 
+@part
+def _fill_cells(projected, size, cells):
+    """Fill, of every vertex: the first column whose centres lie behind it, one after the last before it, and its rows.
+
+    The least first and the largest last of a face's corners are the pixels in its bounding box.
+    """
+    most = np.float32(size)
+    for vertex in range(np.uintp(projected.shape[1])):
+        x, y = projected[0, vertex] - _HALF, projected[1, vertex] - _HALF
+        x, y = min(max(x, -_1), most), min(max(y, -_1), most)
+        cells[0, vertex], cells[1, vertex] = max(np.int32(np.ceil(x)), 0), min(np.int32(np.floor(x)) + 1, size)
+        cells[2, vertex], cells[3, vertex] = max(np.int32(np.ceil(y)), 0), min(np.int32(np.floor(y)) + 1, size)
+
+
 @compiled
 def front_rows(mesh, width, height, first, last, rows):
     """Fill, of faces [first, last), the rows of pixels [0] to [1] that each touches; none of faces not to be drawn."""
     positions_px, depth, faces = mesh.positions_px, mesh.depth, mesh.faces
     for face in range(first, last):
         rows[face, 0], rows[face, 1] = 0, 0
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
         if projected_area(positions_px, depth, a, b, c) >= -_MIN_AREA:
             continue
         ax, bx, cx = positions_px[a, 0], positions_px[b, 0], positions_px[c, 0]
@@ -137,9 +152,11 @@ def nearest_of_rows(mesh, rows, width, first_row, last_row, nearest, face_at):
     for face in range(faces.shape[0]):
         if rows[face, 1] <= first_row or rows[face, 0] >= last_row:
             continue
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        area = projected_area(positions_px, depth, a, b, c)
+        a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
         x0, x1, y0, y1 = covered_centres(positions_px, a, b, c, width, first_row, last_row)
+        if (x0 >= x1) | (y0 >= y1):
+            continue
+        area = projected_area(positions_px, depth, a, b, c)
         for y in range(y0, y1):
             for x in range(x0, x1):
                 z = fragment_depth(mesh, a, b, c, area, x, y)

@@ -110,6 +110,7 @@ def look_up_points(casters, points, first, last, lit, depth_in):
     other = np.empty(size * size if len(casters.others) else 0, np.float32)
     way = np.empty((size * size, 2), np.float32)
     vertices, others = np.empty((3, casters.vertices.shape[1]), np.float32), np.empty_like(casters.others)
+    cells, of_others = np.empty((4, vertices.shape[1]), np.int32), np.empty((4, others.shape[1]), np.int32)
     rows = _PointRows(
         np.empty((3, _ROW), np.float32),
         np.empty((4, _ROW), np.float32),
@@ -121,11 +122,11 @@ def look_up_points(casters, points, first, last, lit, depth_in):
         entry[:], leaving[:], other[:] = np.inf, np.inf, np.inf
         window = _window_around(casters, view, points, rows)
         _project(casters, view, window, casters.vertices, 0, casters.vertices.shape[1], vertices)
-        nearest_sides(vertices, casters.faces, size, entry, leaving)
+        nearest_sides(vertices, casters.faces, size, cells, entry, leaving)
         _end_in_the_middle(entry, leaving, _STEEPEST / min(window[2], window[3]), way)
         if len(other):
             _project(casters, view, window, casters.others, 0, casters.others.shape[1], others)
-            nearest_sides(others, casters.others_faces, size, other, other)
+            nearest_sides(others, casters.others_faces, size, of_others, other, other)
             _end_at_others(other, casters.contact, way)
         _look_up(casters, view, window, points, way, rows, lit[view], depth_in[view])
 
