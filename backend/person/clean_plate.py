@@ -85,7 +85,7 @@ def clean_plate(
     return CleanPlate(plate, cv2.resize(is_known.astype(np.uint8), size_px, interpolation=cv2.INTER_NEAREST) > 0)
 
 
-def told_apart(
+def plate_labels(
     rgb: UInt8[np.ndarray, "H W 3"],
     plate: CleanPlate,
     is_skin: Bool[np.ndarray, "H W"],
@@ -106,12 +106,12 @@ def told_apart(
         return labels
     shown = srgb_to_linear(rgb / np.float32(255))
     ground = _exposed_like(shown, srgb_to_linear(plate.rgb / np.float32(255)), is_ground & plate.is_known)
-    of_skin, of_ground, is_told = _unmixed(shown, _spread(shown, is_skin), ground)
+    of_skin, of_ground, is_sure = _unmixed(shown, _spread(shown, is_skin), ground)
     both = of_skin + of_ground
     share = load_opencv().medianBlur((of_skin / np.maximum(both, 1e-6)).astype(np.float32), 3)
-    is_told &= plate.is_known & (both > _DARKEST_SHADE)
-    labels[is_told & (share > 0.5) & (of_skin > _DARKEST_SKIN)] = HAND
-    labels[is_told & (share <= 0.5) & (both < _BRIGHTEST_GROUND)] = BACKGROUND
+    is_sure &= plate.is_known & (both > _DARKEST_SHADE)
+    labels[is_sure & (share > 0.5) & (of_skin > _DARKEST_SKIN)] = HAND
+    labels[is_sure & (share <= 0.5) & (both < _BRIGHTEST_GROUND)] = BACKGROUND
     return labels
 
 

@@ -23,7 +23,7 @@ from ..records.errors import LiveHandError
 from ..records.hand_picture import BACKGROUND, HAND, UNKNOWN
 from ..records.shot import HandPose
 from ..system.parallel_map import parallel_map
-from .clean_plate import CleanPlate, told_apart
+from .clean_plate import CleanPlate, plate_labels
 from .other_hands import with_others_unknown
 
 MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0)
@@ -211,7 +211,7 @@ def _labels(seen: _Seen, skin: ColourHistogram, skin_histogram: np.ndarray) -> n
     ground = ~possible & (cv2.dilate(possible.astype(np.uint8), np.ones((3, 3)), iterations=_RING_PX) > 0)
     odds = _odds(lab, ground, skin_histogram)
     shown = _second_cut(seen, odds)
-    is_hand, is_ground = _told_by_plate(seen, ~possible)
+    is_hand, is_ground = _labelled_by_plate(seen, ~possible)
     shown = (shown | is_hand) & ~is_ground
     foreign = _foreign(seen, skin, odds) & ~is_ground
     labels = np.full(shown.shape, BACKGROUND, np.uint8)
@@ -241,13 +241,13 @@ def _second_cut(seen: _Seen, odds: np.ndarray) -> np.ndarray:
     return (again | (seen.mask & is_skin)) & ~is_ground & ~seen.behind_wrist
 
 
-def _told_by_plate(seen: _Seen, is_ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _labelled_by_plate(seen: _Seen, is_ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Find the pixels [H, W] that the plate tells to be the hand's, and those that it tells to be the ground's."""
     if seen.plate is None:
         return np.zeros_like(is_ground), np.zeros_like(is_ground)
-    told = told_apart(seen.rgb, seen.plate, seen.mask & seen.regions.core, is_ground)
-    is_hand = _opened(told == HAND) & seen.regions.near & ~seen.behind_wrist
-    return is_hand, _opened(told == BACKGROUND)
+    labels = plate_labels(seen.rgb, seen.plate, seen.mask & seen.regions.core, is_ground)
+    is_hand = _opened(labels == HAND) & seen.regions.near & ~seen.behind_wrist
+    return is_hand, _opened(labels == BACKGROUND)
 
 
 def _foreign(seen: _Seen, skin: ColourHistogram, odds: np.ndarray) -> np.ndarray:

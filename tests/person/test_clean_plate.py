@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from livehand.backend.capture.picture import linear_to_srgb, srgb_to_linear
-from livehand.backend.person.clean_plate import CleanPlate, clean_plate, small_enough, told_apart
+from livehand.backend.person.clean_plate import CleanPlate, clean_plate, plate_labels, small_enough
 from livehand.backend.records.hand_picture import BACKGROUND, HAND, UNKNOWN
 from livehand.backend.tracking.turning_hand.window import Window
 
@@ -82,11 +82,11 @@ def test_a_window_of_the_plate_is_that_of_the_picture(plate):
     np.testing.assert_allclose(part.rgb[0, 0], plate.rgb[30:32, 50:52].mean((0, 1)), atol=1)
 
 
-def told(linear, plate=None, skin=np.s_[:, :10], ground=np.s_[:, 50:]):
+def labels_of(linear, plate=None, skin=np.s_[:, :10], ground=np.s_[:, 50:]):
     masks = np.zeros((2, *SIZE_PX[::-1]), bool)
     masks[0][skin], masks[1][ground] = True, True
     whole = CleanPlate(encoded(table()), np.ones(SIZE_PX[::-1], bool))
-    return told_apart(encoded(linear), plate or whole, *masks)
+    return plate_labels(encoded(linear), plate or whole, *masks)
 
 
 def picture(share, shade=1.0, skin_shade=1.0):
@@ -100,20 +100,20 @@ def picture(share, shade=1.0, skin_shade=1.0):
 @pytest.mark.parametrize("exposure", [1.0, 1.5])
 @pytest.mark.parametrize(("share", "label"), [(0.0, BACKGROUND), (0.35, BACKGROUND), (0.65, HAND), (1.0, HAND)])
 def test_the_larger_part_of_a_mixture_has_the_pixel(share, label, exposure):
-    labels = told(exposure * picture(share))
+    labels = labels_of(exposure * picture(share))
     assert (labels[2:-2, 22:38] == label).all()
     assert (labels[:, :10] == HAND).all()
     assert (labels[:, 50:] == BACKGROUND).all()
 
 
 def test_a_shadow_on_the_ground_is_ground_and_shaded_skin_is_skin():
-    assert (told(picture(0.0, shade=0.45))[2:-2, 22:38] == BACKGROUND).all()
-    assert (told(picture(1.0, skin_shade=0.6))[2:-2, 22:38] == HAND).all()
+    assert (labels_of(picture(0.0, shade=0.45))[2:-2, 22:38] == BACKGROUND).all()
+    assert (labels_of(picture(1.0, skin_shade=0.6))[2:-2, 22:38] == HAND).all()
 
 
 def test_skin_in_deep_shade_is_not_told():
     """Ground in the shade of a fist has skin's colour, too."""
-    assert (told(picture(1.0, skin_shade=0.4))[2:-2, 22:38] == UNKNOWN).all()
+    assert (labels_of(picture(1.0, skin_shade=0.4))[2:-2, 22:38] == UNKNOWN).all()
 
 
 def test_what_is_neither_or_dark_or_brighter_than_the_plate_is_not_told():
@@ -121,7 +121,7 @@ def test_what_is_neither_or_dark_or_brighter_than_the_plate_is_not_told():
     linear[:10, 20:40] = (0.05, 0.1, 0.6)  # a thing that the plate does not show
     linear[12:22, 20:40] = 0.1 * SKIN
     linear[25:, 20:40] *= 1.6
-    labels = told(linear)
+    labels = labels_of(linear)
     assert (labels[2:8, 22:38] == UNKNOWN).all()
     assert (labels[14:20, 22:38] == UNKNOWN).all()
     assert (labels[27:38, 22:38] == UNKNOWN).all()
@@ -130,16 +130,16 @@ def test_what_is_neither_or_dark_or_brighter_than_the_plate_is_not_told():
 def test_ground_of_skins_colour_is_not_told():
     skin_like = CleanPlate(encoded(np.broadcast_to(0.9 * SKIN, (*SIZE_PX[::-1], 3))), np.ones(SIZE_PX[::-1], bool))
     linear = np.broadcast_to(SKIN, (*SIZE_PX[::-1], 3))
-    assert (told(linear, skin_like) == UNKNOWN).all()
+    assert (labels_of(linear, skin_like) == UNKNOWN).all()
 
 
-def test_nothing_is_told_where_the_plate_or_the_skin_is_not_known():
+def test_nothing_is_sure_where_the_plate_or_the_skin_is_not_known():
     known = np.ones(SIZE_PX[::-1], bool)
     known[:, 30:] = False
-    labels = told(picture(1.0), CleanPlate(encoded(table()), known), ground=np.s_[:, 12:18])
+    labels = labels_of(picture(1.0), CleanPlate(encoded(table()), known), ground=np.s_[:, 12:18])
     assert (labels[:, 30:] == UNKNOWN).all()
     assert (labels[2:-2, 22:29] == HAND).all()
-    assert (told(picture(1.0), skin=np.s_[:0]) == UNKNOWN).all()
+    assert (labels_of(picture(1.0), skin=np.s_[:0]) == UNKNOWN).all()
 
 
 def test_colours_are_mixed_as_light():

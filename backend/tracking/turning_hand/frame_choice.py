@@ -103,11 +103,11 @@ def smear_of(px: np.ndarray, times_s: np.ndarray) -> np.ndarray:
     sizes_px = np.maximum(np.ptp(px, axis=1).max(-1), 1e-6)
     apart_s = np.diff(times_s)
     speeds = np.linalg.norm(np.diff(px, axis=0), axis=-1) / np.maximum(apart_s, 1e-6)[:, None]
-    is_told = apart_s <= _FARTHEST_S
+    is_sure = apart_s <= _FARTHEST_S
     padded = np.zeros((2, len(px), px.shape[1]))
     padded[0, 1:], padded[1, :-1] = speeds, speeds
     weights = np.zeros((2, len(px), 1))
-    weights[0, 1:, 0], weights[1, :-1, 0] = is_told, is_told
+    weights[0, 1:, 0], weights[1, :-1, 0] = is_sure, is_sure
     mean = (padded * weights).sum(0) / np.maximum(weights.sum(0), 1)
     return _EXPOSURE_S * np.quantile(mean, _FAST_SHARE, axis=-1) / sizes_px
 
