@@ -17,6 +17,7 @@ from torch.nn.functional import conv2d, interpolate, pad
 
 from .albedo_ratio import AlbedoRatio
 from .detail_maps_file import ATLAS_MM, COARSEST_MM, SkinMaps, SurfaceDetail
+from .furrow_shade import furrow_shade
 from .map_pyramid import LEVELS, pyramid_levels, trilinear
 
 DORSAL_MM, PALMAR_MM = 0.36, 0.55
@@ -108,7 +109,9 @@ class DetailMaps(NamedTuple):
         for axis, unresolved in enumerate(detail.unresolved):
             slopes[axis] = slopes[axis] + _widened(unresolved, resolution) * (ATLAS_MM / resolution / BUMP)
         columns = [_halvings(slope, SLOPE_STEP_MM) for slope in slopes]
-        for fine, coarse in zip(_shades(detail.fine, look), _shades(detail.coarse, look), strict=True):
+        pigment, *folds = _shades(detail.fine, look)
+        fine_shades = [pigment + furrow_shade(detail.fine.relief_mm, ATLAS_MM / resolution), *folds]
+        for fine, coarse in zip(fine_shades, _shades(detail.coarse, look), strict=True):
             columns.append(_pyramid(fine, coarse, SHADE_STEP))
         nail = (_widened(detail.nail, resolution) - NAIL_FROM) / (1 - NAIL_FROM)
         columns.append(_halvings(nail.clip(min=0), SHADE_STEP))
