@@ -17,6 +17,7 @@ from torch.nn.functional import conv2d, interpolate, pad
 
 from .albedo_ratio import AlbedoRatio
 from .detail_maps_file import ATLAS_MM, COARSEST_MM, SkinMaps, SurfaceDetail
+from .furrow_shade import furrow_shade
 from .map_pyramid import LEVELS, pyramid_levels, trilinear
 
 DORSAL_MM, PALMAR_MM = 0.36, 0.55
@@ -41,9 +42,9 @@ BLURRED_LEVEL = 2.0, 0.8
 
 Of waves of 0.45, 0.9, 1.8 and 4 mm, Cycles' random walk with the radii and colours of the built-in skin shows these
 shares in red: 0.13, 0.29, 0.55 and 0.81 on a light palm, and 0.41, 0.68, 0.88 and 0.96 on the back of a deep hand."""
-SHARPNESS = (0.0, 0.65, 0.9), (0.0, 0.85, 0.97)
+SHARPNESS = (0.13, 0.65, 0.9), (0.0, 0.85, 0.97)
 """The share of relief that each colour shows as if nothing blurred it: of waves of 0.45 mm, green shows 0.6 and 0.89,
-and blue 0.87 and 0.96."""
+and blue 0.87 and 0.96. Light skin's blurred level shows none of these in red."""
 RESOLVED_BETWEEN = 0.05
 """Of the variance of slopes from texel to texel: images show that of fine lines, not the walls of a nail's rim."""
 _STEPS = [SLOPE_STEP_MM] * 6 + [SHADE_STEP] * 4 + [GLOSS_STEP] * 2
@@ -108,7 +109,9 @@ class DetailMaps(NamedTuple):
         for axis, unresolved in enumerate(detail.unresolved):
             slopes[axis] = slopes[axis] + _widened(unresolved, resolution) * (ATLAS_MM / resolution / BUMP)
         columns = [_halvings(slope, SLOPE_STEP_MM) for slope in slopes]
-        for fine, coarse in zip(_shades(detail.fine, look), _shades(detail.coarse, look), strict=True):
+        pigment, *folds = _shades(detail.fine, look)
+        fine_shades = [pigment + furrow_shade(detail.fine.relief_mm, ATLAS_MM / resolution), *folds]
+        for fine, coarse in zip(fine_shades, _shades(detail.coarse, look), strict=True):
             columns.append(_pyramid(fine, coarse, SHADE_STEP))
         nail = (_widened(detail.nail, resolution) - NAIL_FROM) / (1 - NAIL_FROM)
         columns.append(_halvings(nail.clip(min=0), SHADE_STEP))

@@ -14,6 +14,7 @@ from livehand.backend.surface.detail_maps import (
     SkinLook,
 )
 from livehand.backend.surface.detail_maps_file import ATLAS_MM, COARSEST_MM, SkinFlexion, SkinMaps, SurfaceDetail
+from livehand.backend.surface.furrow_shade import furrow_shade
 
 N = 64
 TEXEL_MM = ATLAS_MM / N
@@ -111,6 +112,16 @@ def test_slopes_of_steep_walls_vary_as_much_as_they_are(slope):
     for first, size in maps.levels[:3]:
         squared = maps.table[first : first + size**2, 10] * 0.002
         torch.testing.assert_close(squared, torch.full((size**2,), 0.5**4 + 2 * slope**2), atol=2e-3, rtol=0)
+
+
+def test_furrows_of_the_fine_relief_are_dark_close_up():
+    side = 512
+    relief = np.zeros((side, side), np.float32)
+    relief[:, side // 2] = -0.05
+    pigment = maps_of(skin_maps(side, relief_mm=relief), skin_maps(16)).table[: side**2, 6].reshape(side, side) * 0.01
+    expected = torch.from_numpy(furrow_shade(relief, ATLAS_MM / side))
+    torch.testing.assert_close(pigment, expected, atol=0.006, rtol=0)
+    assert pigment[side // 2, side // 2] < -0.05
 
 
 def test_deep_skin_shows_relief_more_sharply():
