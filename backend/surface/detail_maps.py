@@ -3,6 +3,10 @@
 Each level is half as wide as the one before. What it no longer shows of slopes widens the lobe of gloss, by their
 variance (Toksvig 2005; Olano and Baker 2010); so do steep walls of one texel, which would glitter. In small images,
 where rays lie farther apart than the planes of a field resolve, the colours that they pass over are added.
+
+A bumped normal tells which way the skin of a furrow faces, but not that it lies between walls, which hide a part of a
+sky from it and redden the rest: furrows are dark in any light (ambient occlusion of a height map). As all of the
+detail, their shades are what is left after a blur: the tone of the skin stays.
 """
 
 from __future__ import annotations
@@ -13,11 +17,10 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.nn.functional import conv2d, interpolate, pad
+from torch.nn.functional import avg_pool2d, conv2d, interpolate, pad
 
 from .albedo_ratio import AlbedoRatio
 from .detail_maps_file import ATLAS_MM, COARSEST_MM, SkinMaps, SurfaceDetail
-from .furrow_shade import furrow_shade
 from .map_pyramid import LEVELS, pyramid_levels, trilinear
 
 DORSAL_MM, PALMAR_MM = 0.36, 0.55
@@ -47,6 +50,13 @@ SHARPNESS = (0.13, 0.65, 0.9), (0.0, 0.85, 0.97)
 and blue 0.87 and 0.96. Light skin's blurred level shows none of these in red."""
 RESOLVED_BETWEEN = 0.05
 """Of the variance of slopes from texel to texel: images show that of fine lines, not the walls of a nail's rim."""
+REACH_MM = 0.26
+"""From a furrow to the skin that it is compared with."""
+TONE_MM = 1.05
+"""Side of the squares over which shades come to nothing."""
+SHADE_OF_SLOPE, DEEPEST = 1.8, 0.35
+"""Logarithm of the pigment of a furrow whose depth is `REACH_MM`, were it not for the most of it."""
+_HIGHEST = 0.02  # of a crest, in the same measure: those that are higher see no more of the sky
 _STEPS = [SLOPE_STEP_MM] * 6 + [SHADE_STEP] * 4 + [GLOSS_STEP] * 2
 _BLUR_REACH = 3  # deviations
 _BESIDE = (0.125, 0.75, 0.125)
@@ -135,6 +145,31 @@ class DetailMaps(NamedTuple):
         """Sample the maps, trilinear, in mm a texel, logarithms, 1 on nails, and squares."""
         both = trilinear(self.table, self.resolution, uv, level)
         return both * both.new_tensor(_STEPS)
+
+
+def furrow_shade(relief_mm: Float[np.ndarray, "N N"], texel_mm: float) -> Float[np.ndarray, "N N"]:
+    """Compute the logarithm of pigment that darkens furrows: below 0 in them, above on the skin between.
+
+    Args:
+        relief_mm: heights over an atlas.
+        texel_mm: side of its texels.
+    """
+    heights = torch.as_tensor(np.ascontiguousarray(relief_mm), dtype=torch.float32)[None, None]
+    slope = (_mean_around(heights, _texels(REACH_MM / 2, texel_mm)) - heights) / REACH_MM
+    shade = (SHADE_OF_SLOPE * slope.clamp(min=-_HIGHEST)).clamp(max=DEEPEST)
+    tone = avg_pool2d(shade, _texels(TONE_MM, texel_mm))
+    return (interpolate(tone, size=shade.shape[-2:], mode="bilinear") - shade)[0, 0].numpy()
+
+
+def _mean_around(plane: Float[Tensor, "1 1 N N"], reach: int) -> Float[Tensor, "1 1 N N"]:
+    """Average twice over so many texels to each side; what lies beyond the map does not count."""
+    for _ in range(2):
+        plane = avg_pool2d(plane, 2 * reach + 1, 1, reach, count_include_pad=False)
+    return plane
+
+
+def _texels(length_mm: float, texel_mm: float) -> int:
+    return max(1, round(length_mm / texel_mm))
 
 
 def _by_melanin(light_and_deep: tuple[tuple[float, ...], ...], look: SkinLook) -> tuple[float, ...]:

@@ -7,14 +7,17 @@ import pytest
 import torch
 from livehand.backend.surface.detail_maps import (
     BLURRED_LEVEL,
+    DEEPEST,
+    REACH_MM,
     RESOLVED_BETWEEN,
     RESOLVED_PX,
+    SHADE_OF_SLOPE,
     SHARPNESS,
     DetailMaps,
     SkinLook,
+    furrow_shade,
 )
 from livehand.backend.surface.detail_maps_file import ATLAS_MM, COARSEST_MM, SkinFlexion, SkinMaps, SurfaceDetail
-from livehand.backend.surface.furrow_shade import furrow_shade
 
 N = 64
 TEXEL_MM = ATLAS_MM / N
@@ -143,3 +146,32 @@ def test_levels_do_not_alias_and_keep_what_is_even(level):
     assert (seen - 0.5).abs()[:, 1:-1].max() < 0.06
     even = maps_of(skin_maps(N, pigment_light=np.full((N, N), 0.5, np.float32)), skin_maps(16))
     torch.testing.assert_close(even.table[first : first + size**2, 6] * 0.01, torch.full((size**2,), 0.5))
+
+
+RELIEF_TEXEL_MM = 0.13
+
+
+def line(height_mm):
+    """Return the shade across a line of this height, a texel wide."""
+    relief = np.zeros((N, N), np.float32)
+    relief[:, N // 2] = height_mm
+    return furrow_shade(relief, RELIEF_TEXEL_MM)[N // 2]
+
+
+@pytest.mark.parametrize("deep_mm", [0.01, 0.03])
+def test_a_furrow_is_dark_by_its_depth(deep_mm):
+    """A third of what is around a line, by windows of 3 texels taken twice, is the line itself."""
+    assert line(-deep_mm)[N // 2] == pytest.approx(-SHADE_OF_SLOPE * deep_mm * (2 / 3) / REACH_MM, abs=0.003)
+
+
+def test_no_furrow_is_darker_than_the_deepest_and_crests_are_hardly_brighter():
+    assert line(-0.5)[N // 2] == pytest.approx(-DEEPEST, abs=0.04)
+    assert 0 < line(0.02)[N // 2] < 0.05
+
+
+def test_the_tone_of_rough_skin_stays():
+    relief = np.random.default_rng(1).normal(0, 0.02, (N, N)).astype(np.float32)
+    shade = furrow_shade(relief, RELIEF_TEXEL_MM)
+    assert shade.std() > 0.05
+    assert abs(shade.mean()) < 0.003
+    np.testing.assert_allclose(furrow_shade(np.full((N, N), 0.3, np.float32), RELIEF_TEXEL_MM), 0, atol=1e-5)
