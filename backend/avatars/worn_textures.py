@@ -20,8 +20,8 @@ from ..surface.atlas_borders import split_atlas
 from ..surface.atlas_texels import AtlasTexels
 from ..surface.base_surface import whole_surface
 from ..surface.blood import drains_of, place_log_albedo
-from ..surface.detail_maps import DORSAL_SHADE, PALMAR_SHADE, PIGMENT_COLOUR
-from ..surface.detail_maps_file import skin_detail_of
+from ..surface.detail_maps import DORSAL_SHADE, PALMAR_SHADE, PIGMENT_COLOUR, furrow_shade
+from ..surface.detail_maps_file import ATLAS_MM, skin_detail_of
 from ..surface.detail_surface import LEVELS, detail_surface_of
 from ..surface.stored_surface import StoredSurface
 from .avatar import Avatar
@@ -130,6 +130,7 @@ def worn_textures(avatar: Avatar, hand: HandModel) -> WornTextures:
     fine, coarse, resolution = detail.fine, detail.coarse, len(detail.fine.relief_mm)
     pairs = (fine.relief_mm, coarse.relief_mm), (fine.dorsal, coarse.dorsal), (fine.palmar, coarse.palmar)
     pigment = (1 - melanin) * fine.pigment_light + melanin * fine.pigment_deep
+    pigment = pigment + furrow_shade(fine.relief_mm, ATLAS_MM / resolution)
     colour = (1 - melanin) * np.array(PIGMENT_COLOUR[0]) + melanin * np.array(PIGMENT_COLOUR[1])
     log_reflectance = _widened(np.log(shown.clip(1e-4)), resolution) + pigment[..., None] * colour.astype(np.float32)
     if RATIO_ARRAY in surface.arrays:

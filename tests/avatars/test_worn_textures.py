@@ -12,7 +12,10 @@ from livehand.backend.avatars.worn_textures import BASE_COLOR, REFLECTANCE, Worn
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.surface.albedo_ratio import RATIO_ARRAY, RATIO_STEP
 from livehand.backend.surface.atlas_texels import AtlasTexels
+from livehand.backend.surface.base_surface import whole_surface
 from livehand.backend.surface.blood import place_log_albedo
+from livehand.backend.surface.detail_maps import PIGMENT_COLOUR, furrow_shade
+from livehand.backend.surface.detail_maps_file import ATLAS_MM, skin_detail_of
 
 SIZE = 64
 
@@ -93,6 +96,24 @@ def test_beside_the_skin_and_on_nails_nothing_is_learnt_of_networks(textures):
     none = textures.base_color(known, np.ones((SIZE, SIZE), bool))
     assert none[4, 4] == pytest.approx(textures.base_color(np.zeros_like(known), np.zeros((SIZE, SIZE), bool))[4, 4])
     assert reflected(none[4, 4]) == pytest.approx(textures.reflectance[4, 4], rel=2e-3)
+
+
+@pytest.mark.slow
+def test_furrows_have_the_shade_that_frames_show(light, hand):
+    """A skin without relief has as much more of the colour of pigment there as detail maps take away."""
+    surface = whole_surface(light.surface)
+    flat = {**surface.arrays, "fine/relief": np.zeros_like(surface.arrays["fine/relief"])}
+    furrowed, even = (
+        worn_textures(replace(light, surface=replace(surface, arrays=arrays)), hand)
+        for arrays in (surface.arrays, flat)
+    )
+    relief_mm = skin_detail_of(surface.arrays).fine.relief_mm
+    shade = furrow_shade(relief_mm, ATLAS_MM / len(relief_mm))
+    assert shade.min() < -0.2
+    melanin = surface.person.melanin
+    color = (1 - melanin) * np.array(PIGMENT_COLOUR[0]) + melanin * np.array(PIGMENT_COLOUR[1])
+    found = np.log(furrowed.reflectance / even.reflectance)
+    np.testing.assert_allclose(found, shade[..., None] * color, atol=1e-4)
 
 
 @pytest.mark.slow
