@@ -28,7 +28,11 @@ _TOGETHER = 3e-3  # how much both colours are rather darkened alike; linear, squ
 _MOST_UNEXPLAINED, _NOISE = 0.2, 0.01  # of a colour, and linear
 _LEAST_APART = 0.02  # squared sine of the angle between the two colours
 _DARKEST_SHADE, _BRIGHTEST_GROUND = 0.3, 1.25  # of the light without a shadow
-_DARKEST_SKIN = 0.5  # of the skin around: in the shade of a fist ground gets skin's colour
+_DARKEST_SKIN = 0.3  # of the skin around
+_PURE, _MIXED = (
+    0.8,
+    0.01,
+)  # share of the light from skin where there is no mixture; how wide edges are, of the longer side
 _LEAST_RING_PX = 50
 
 
@@ -106,12 +110,17 @@ def plate_labels(
         return labels
     shown = srgb_to_linear(rgb / np.float32(255))
     ground = _exposed_like(shown, srgb_to_linear(plate.rgb / np.float32(255)), is_ground & plate.is_known)
-    of_skin, of_ground, is_sure = _unmixed(shown, _spread(shown, is_skin), ground)
+    skin = _spread(shown, is_skin)
+    of_skin, of_ground, is_sure = _unmixed(shown, skin, ground)
     both = of_skin + of_ground
-    share = load_opencv().medianBlur((of_skin / np.maximum(both, 1e-6)).astype(np.float32), 3)
+    cv2 = load_opencv()
+    share = cv2.medianBlur((of_skin / np.maximum(both, 1e-6)).astype(np.float32), 3)
+    from_skin, from_ground = of_skin * skin.sum(-1), of_ground * ground.sum(-1)
+    is_pure = is_sure & (from_skin > _PURE * (from_skin + from_ground))
+    is_skins = (share > 0.5) & _widened(_opened(is_pure), max(1, round(_MIXED * max(rgb.shape[:2]))))
     is_sure &= plate.is_known & (both > _DARKEST_SHADE)
-    labels[is_sure & (share > 0.5) & (of_skin > _DARKEST_SKIN)] = HAND
-    labels[is_sure & (share <= 0.5) & (both < _BRIGHTEST_GROUND)] = BACKGROUND
+    labels[is_sure & is_skins & (of_skin > _DARKEST_SKIN)] = HAND
+    labels[is_sure & ~is_skins & (both < _BRIGHTEST_GROUND)] = BACKGROUND
     return labels
 
 
@@ -134,6 +143,16 @@ def _spread(shown: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
     )
     total = near + _FAR_WEIGHT * far + _FAR_WEIGHT**2 * sums[0].mean((0, 1))
     return total[..., :3] / np.maximum(total[..., 3:], 1e-12)
+
+
+def _opened(mask: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
+    return load_opencv().morphologyEx(mask.astype(np.uint8), load_opencv().MORPH_OPEN, np.ones((3, 3))) > 0
+
+
+def _widened(mask: Bool[np.ndarray, "H W"], by_px: int) -> Bool[np.ndarray, "H W"]:
+    cv2 = load_opencv()
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * by_px + 1, 2 * by_px + 1))
+    return cv2.dilate(mask.astype(np.uint8), disc) > 0
 
 
 def _unmixed(

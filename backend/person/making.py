@@ -35,7 +35,6 @@ from .fit.stray_fingers import without_stray_fingers
 from .kept_steps import FITTED_ROUND, FittedRound, KeptSteps
 from .lit_model.illumination import (
     PICTURES_OF_SCENE,
-    Illumination,
     evenly_chosen,
     fitted_light,
     lamps_of,
@@ -43,7 +42,8 @@ from .lit_model.illumination import (
 )
 from .lit_model.lamp_search import with_lamp
 from .lit_model.model import PersonModel
-from .lit_model.numbers import FIRST_MELANIN, AtlasTone, PixelTones, ToneFamily, fitted_melanin, looked_up
+from .lit_model.numbers import FIRST_MELANIN, AtlasTone, ToneFamily, fitted_melanin, looked_up
+from .lit_model.picture_lights import PictureLights, fitted_lights, pixels_of_each
 from .skin_fit import fitted_to_skin
 
 _REPORTED = 1e-3
@@ -86,6 +86,7 @@ class MakingOptions:
         kept_low: as in `completed_ratio`.
         light_pictures: in which a scene's light is looked for.
         finds_lamps: look for a lamp beside the sky in each scene.
+        lights_pictures: find how each picture's light differs from its scene's.
         fits_poses: fit poses and shape again, too.
         length_m: of the hand, where it was measured (`hand_size.sized`).
     """
@@ -94,6 +95,7 @@ class MakingOptions:
     kept_low: float = 0.75
     light_pictures: int = PICTURES_OF_SCENE
     finds_lamps: bool = True
+    lights_pictures: bool = True
     fits_poses: bool = True
     length_m: float | None = None
 
@@ -107,7 +109,7 @@ class MadePerson:
         texels: of the atlas.
         completed: the factor, its prior and confidence, the skin's numbers.
         gathered: of the last round.
-        lights: by scene, in the strength that the numbers give.
+        lights: of every picture, in the strength that the numbers give.
         lamps: by scene, of strength 1.
     """
 
@@ -115,7 +117,7 @@ class MadePerson:
     texels: AtlasTexels
     completed: CompletedRatio
     gathered: GatheredRatio
-    lights: Mapping[int, Illumination]
+    lights: PictureLights
     lamps: Mapping[int, Sequence[Light]]
 
     @property
@@ -150,7 +152,7 @@ def made_person(
         pixels = {scene: of_scene.with_sources(base, lamps[scene]) for scene, of_scene in pixels.items()}
     for scene, of_scene in pixels.items():
         log(f"light of scene {scene}: {len(of_scene.shown)} pixels of {len(of_scene.parts)} pictures")
-    skin, made = None, None
+    skin, made, own = None, None, None
     for round_index, of_round in enumerate(options.rounds):
         texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, of_round.resolution)
         skin = AtlasTone.of_family(texels, family, base_log_albedo) if skin is None else skin.on(texels)
@@ -160,7 +162,10 @@ def made_person(
             tones = {scene: with_lamp(base, tone, skin.melanin) for scene, tone in tones.items()}
             pixels = {scene: tone.pixels for scene, tone in tones.items()}
             skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
-        lights = {scene: _light(tone, skin.melanin) for scene, tone in tones.items()}
+        fits = {scene: fitted_light(tone.pixels, tone.ratio(skin.melanin)) for scene, tone in tones.items()}
+        if own is None:
+            own = pixels_of_each(base, hand.pictures, pixels) if options.lights_pictures else {}
+        lights = fitted_lights(pixels, fits, own, skin.ratios_at)
         model = base.with_ratio(_steps(texels, skin.log_ratio))
         pictures = [made_smaller(each, of_round.longest_px) for each in evenly_chosen(shown, of_round.pictures)]
         gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, of_round.with_flow, of_round.levels)
@@ -169,15 +174,11 @@ def made_person(
         log(_report(round_index, gathered, completed))
         skin = replace(skin, bare=completed.log_ratio - skin.melanin * skin.per_melanin)
         gain, tint = completed.numbers.log_gain, np.exp(completed.numbers.log_tint)
-        lights = {scene: light.stronger(gain, tint) for scene, light in lights.items()}
+        lights = lights.stronger(gain, tint)
         model = base.with_ratio(_steps(texels, skin.log_ratio))
         made = MadePerson(model, texels, completed, gathered, lights, lamps_of(pixels))
     assert made is not None
     return made
-
-
-def _light(tone: PixelTones, melanin: float) -> Illumination:
-    return Illumination.of(fitted_light(tone.pixels, tone.ratio(melanin)), tone.pixels.sources)
 
 
 def _steps(texels: AtlasTexels, log_ratio: np.ndarray) -> np.ndarray:
@@ -226,12 +227,14 @@ def person_of_pictures(
     Lamps are looked for once, as soon as poses are good.
     """
     if hand.is_calibrated:
-        options = replace(options, rounds=tuple(each._replace(with_flow=False) for each in options.rounds))
+        options = replace(
+            options, lights_pictures=False, rounds=tuple(each._replace(with_flow=False) for each in options.rounds)
+        )
     if options.fits_poses:
         hand = with_mean_proportions(hand, bases.nearest(FIRST_MELANIN).hand)
     if not hand.is_calibrated:
         hand = replace(hand, pictures=tuple(replace(picture, sighted=picture.pose) for picture in hand.pictures))
-    early = replace(options, rounds=(COARSE_ROUND,), finds_lamps=False)
+    early = replace(options, rounds=(COARSE_ROUND,), finds_lamps=False, lights_pictures=False)
     if not hand.is_calibrated:
         early = replace(early, light_pictures=_EARLY_LIGHT_PICTURES)
     melanin = FIRST_MELANIN

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from ..system.parallel_map import parallel_map
 from .lit_model.flow import flow_between
 from .lit_model.illumination import Illumination, encoded_colours
 from .lit_model.model import PersonModel
+from .lit_model.picture_lights import PictureLights
 from .making import MadePerson, family_at_base
 
 _CLIPPED = 0.98
@@ -40,11 +41,11 @@ class PersonFigures(NamedTuple):
 
 
 def held_out_figures(
-    model: PersonModel, pictures: Sequence[HandPicture], lights: Mapping[int, Illumination]
+    model: PersonModel, pictures: Sequence[HandPicture], lights: PictureLights
 ) -> PersonFigures | None:
     """Measure the pictures that are held out; None: there are none."""
     held_out = [picture for picture in pictures if picture.is_held_out]
-    found = parallel_map(lambda picture: _row(model, picture, lights[picture.scene]), held_out)
+    found = parallel_map(lambda picture: _row(model, picture, lights.at(picture)), held_out)
     rows = [row for row in found if row is not None]
     if not rows:
         return None
@@ -103,8 +104,8 @@ def write_sheet(path: Path, made: MadePerson, pictures: Sequence[HandPicture], c
         image.save(temporary, "PNG")
 
 
-def _pair(made: MadePerson, picture: HandPicture, lights: Mapping[int, Illumination]) -> list[np.ndarray]:
-    light = lights[picture.scene]
+def _pair(made: MadePerson, picture: HandPicture, lights: PictureLights) -> list[np.ndarray]:
+    light = lights.at(picture)
     frame = made.model.rendered(picture.pose, picture.camera, light.tinted)
     straight = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)
     ours = encoded_colours(picture, straight)

@@ -6,7 +6,6 @@ contrast is compared, for light and exposure are known less well than folds and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
@@ -21,8 +20,9 @@ from ..surface.detail_mesh import SubdivisionLevel
 from ..system.parallel_map import parallel_map
 from ..system.thread_limits import thread_limit
 from .lit_model.flow import bilinear, flow_between, local_contrast, nearest
-from .lit_model.illumination import Illumination, encoded_colours
+from .lit_model.illumination import encoded_colours
 from .lit_model.model import PersonModel
+from .lit_model.picture_lights import PictureLights
 from .rig.landmark_pose import LandmarkTargets
 from .rig.outline_fit import RigFit, ViewOutlines
 from .rig.outlines import OutlinedGeometry, OutlineTree, outline_of_mask, sure_pixels, tells_edges
@@ -39,13 +39,13 @@ _LEAST_WEIGHT = 0.05
 _CONTRAST_PX = 10.0
 
 
-def fitted_to_skin(model: PersonModel, hand: PicturedHand, lights: Mapping[int, Illumination]) -> PicturedHand:
+def fitted_to_skin(model: PersonModel, hand: PicturedHand, lights: PictureLights) -> PicturedHand:
     """Return the hand with pose, shape, offsets and cameras moved to where the pictures show the person's skin.
 
     Args:
         model: with the person's skin and shape so far.
         hand: of calibrated cameras at one moment; those held out are turned to their outlines afterwards.
-        lights: by scene.
+        lights: of every picture.
     """
     hands, pictures = RigHands.of(model.hand, ("right",)), hand.pictures
     start = RigFit(hands.parameters({"right": pictures[0].pose}), torch.zeros(len(pictures), 4))
@@ -75,7 +75,7 @@ class _RenderedHand:
 
     model: PersonModel
     pictures: tuple[HandPicture, ...]
-    lights: Mapping[int, Illumination]
+    lights: PictureLights
     hands: RigHands
 
     def targets(self, state: OffsetFit) -> list[VertexTargets]:
@@ -113,11 +113,9 @@ def _matrix(level: SubdivisionLevel) -> csr_array:
     return csr_array((level.weight.double().numpy(), (level.row.numpy(), level.column.numpy())))
 
 
-def _vertex_targets(
-    model: PersonModel, picture: HandPicture, view: int, lights: Mapping[int, Illumination]
-) -> VertexTargets:
+def _vertex_targets(model: PersonModel, picture: HandPicture, view: int, lights: PictureLights) -> VertexTargets:
     cv2 = load_opencv()
-    light = lights[picture.scene]
+    light = lights.at(picture)
     frame, seen = model.rendered(picture.pose, picture.camera, light.light), model.seen(picture.pose, picture.camera)
     rendered = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3) * light.tint
     both = (picture.labels == HAND) & (frame.alpha > 0.5)

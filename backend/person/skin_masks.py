@@ -42,6 +42,7 @@ _REDDER = 0.6  # logarithm of red over green
 _LEAST_FOREIGN_PX, _GROWN_PX = 5, 3  # of a spot that is no skin, in a window of 900 px
 _WINDOW_PX = 900
 _DARK, _CLIPPED = 40, 250  # of 255; darker and brighter colours say nothing of skin
+_DARK_SKIN = 70  # of 255: skin so dark may be in the shade of a fist
 _RING_PX = 24
 _COUNTED = 20000  # pixels of one picture that the skin's colours are from
 _DEVIATIONS_OF_MEDIAN = 1.4826  # a normal's standard deviation over its median absolute one
@@ -211,12 +212,12 @@ def _labels(seen: _Seen, skin: ColourHistogram, skin_histogram: np.ndarray) -> n
     ground = ~possible & (cv2.dilate(possible.astype(np.uint8), np.ones((3, 3)), iterations=_RING_PX) > 0)
     odds = _odds(lab, ground, skin_histogram)
     shown = _second_cut(seen, odds)
-    is_hand, is_ground = _labelled_by_plate(seen, ~possible)
+    is_hand, is_ground, is_either = _labelled_by_plate(seen, ~possible)
     shown = (shown | is_hand) & ~is_ground
     foreign = _foreign(seen, skin, odds) & ~is_ground
     labels = np.full(shown.shape, BACKGROUND, np.uint8)
     labels[shown] = HAND
-    labels[(seen.behind_wrist | seen.cuff) & ~shown] = UNKNOWN
+    labels[(seen.behind_wrist | seen.cuff | is_either) & ~shown] = UNKNOWN
     labels[foreign] = UNKNOWN
     return labels
 
@@ -241,13 +242,15 @@ def _second_cut(seen: _Seen, odds: np.ndarray) -> np.ndarray:
     return (again | (seen.mask & is_skin)) & ~is_ground & ~seen.behind_wrist
 
 
-def _labelled_by_plate(seen: _Seen, is_ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find the pixels [H, W] that the plate tells to be the hand's, and those that it tells to be the ground's."""
+def _labelled_by_plate(seen: _Seen, is_ground: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Find the pixels [H, W] that the plate tells to be the hand's, the ground's, and too dark to be told."""
     if seen.plate is None:
-        return np.zeros_like(is_ground), np.zeros_like(is_ground)
+        none = np.zeros_like(is_ground)
+        return none, none, none
     labels = plate_labels(seen.rgb, seen.plate, seen.mask & seen.regions.core, is_ground)
     is_hand = _opened(labels == HAND) & seen.regions.near & ~seen.behind_wrist
-    return is_hand, _opened(labels == BACKGROUND)
+    is_dark = (seen.rgb.max(-1) < _DARK_SKIN) & (labels == UNKNOWN) & seen.regions.silhouette
+    return is_hand, _opened(labels == BACKGROUND), is_dark
 
 
 def _foreign(seen: _Seen, skin: ColourHistogram, odds: np.ndarray) -> np.ndarray:

@@ -100,10 +100,40 @@ def picture(share, shade=1.0, skin_shade=1.0):
 @pytest.mark.parametrize("exposure", [1.0, 1.5])
 @pytest.mark.parametrize(("share", "label"), [(0.0, BACKGROUND), (0.35, BACKGROUND), (0.65, HAND), (1.0, HAND)])
 def test_the_larger_part_of_a_mixture_has_the_pixel(share, label, exposure):
-    labels = labels_of(exposure * picture(share))
-    assert (labels[2:-2, 22:38] == label).all()
+    """In a column of pixels at the edge of the skin."""
+    linear = picture(0.0)
+    linear[:, 10:11] = share * SKIN + (1 - share) * table()[:, 10:11]
+    labels = labels_of(exposure * linear)
+    assert (labels[2:-2, 10] == label).all()
     assert (labels[:, :10] == HAND).all()
-    assert (labels[:, 50:] == BACKGROUND).all()
+    assert (labels[:, 11:] == BACKGROUND).all()
+
+
+def test_edges_are_as_wide_as_the_picture_is_large():
+    """A hundredth of it: of a strip of five pixels beside the skin, three may be the skin's."""
+    linear = picture(0.0)
+    linear[:, 10:11] = 0.65 * SKIN + 0.35 * table()[:, 10:11]
+    large, ground = (encoded(np.kron(each, np.ones((5, 5, 1)))) for each in (linear, table()))
+    masks = np.zeros((2, *large.shape[:2]), bool)
+    masks[0][:, :50], masks[1][:, 250:] = True, True
+    labels = plate_labels(large, CleanPlate(ground, np.ones(large.shape[:2], bool)), *masks)
+    assert (labels[10:-10, 50:53] == HAND).all()
+    assert (labels[10:-10, 53:] == BACKGROUND).all()
+
+
+def test_what_mixes_both_far_from_skin_is_ground_that_skin_shines_on():
+    labels = labels_of(picture(0.65))
+    assert (labels[2:-2, 22:38] == BACKGROUND).all()
+    assert (labels_of(picture(1.0))[2:-2, 22:38] == HAND).all()
+
+
+def test_dark_ground_takes_nothing_from_skin():
+    """Over a black mat shaded skin might be skin and mat, both in full light: it is the skin's light that counts."""
+    mat = CleanPlate(encoded(0.03 * table()), np.ones(SIZE_PX[::-1], bool))
+    linear = 0.03 * table()
+    linear[:, :40] = SKIN
+    linear[:, 20:40] *= 0.65
+    assert (labels_of(linear, mat)[2:-2, 22:38] == HAND).all()
 
 
 def test_a_shadow_on_the_ground_is_ground_and_shaded_skin_is_skin():
@@ -113,7 +143,7 @@ def test_a_shadow_on_the_ground_is_ground_and_shaded_skin_is_skin():
 
 def test_skin_in_deep_shade_is_not_told():
     """Ground in the shade of a fist has skin's colour, too."""
-    assert (labels_of(picture(1.0, skin_shade=0.4))[2:-2, 22:38] == UNKNOWN).all()
+    assert (labels_of(picture(1.0, skin_shade=0.25))[2:-2, 22:38] == UNKNOWN).all()
 
 
 def test_what_is_neither_or_dark_or_brighter_than_the_plate_is_not_told():

@@ -13,6 +13,7 @@ from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.person import making, review
 from livehand.backend.person.fit.refit import refitted
 from livehand.backend.person.lit_model.numbers import AtlasTone
+from livehand.backend.person.lit_model.picture_lights import PictureLights
 from livehand.backend.person.making import (
     MakingOptions,
     RoundOptions,
@@ -105,14 +106,16 @@ def test_a_held_out_picture_is_shown(made, hand, tmp_path):
 
 
 def test_the_sheet_shows_the_person_in_all_of_the_light_that_was_found(made, hand):
-    picture, found = hand.pictures[2], made.lights[0]
+    picture = hand.pictures[2]
+    found = made.lights.at(picture)
     towards = picture.camera.cam2world[:3, :3] @ [0, 0, 1.0]
     lamp = Lamp("sun", np.full(3, 2.0), rotation=rotation_facing(-towards))
     lit = replace(found, lamps=(lamp,), tint=np.array([0.9, 1.0, 1.1]))
+    lit_so = PictureLights({0: lit})
     frame = made.model.rendered(picture.pose, picture.camera, lit.tinted)
     shown = linear_to_srgb((frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)).clip(0, 1))
     filmed = replace(picture, rgb=(255 * shown).round().astype(np.uint8), log_gain=(0.0, 0.0, 0.0))
-    above, below = (part.astype(int) for part in review._pair(replace(made, lights={0: lit}), filmed, {0: lit}))
+    above, below = (part.astype(int) for part in review._pair(replace(made, lights=lit_so), filmed, lit_so))
     assert above.mean() > review._pair(made, filmed, made.lights)[1].mean() + 5
     assert np.abs(above - below).mean() < 1
 

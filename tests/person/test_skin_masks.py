@@ -54,6 +54,21 @@ def test_a_clean_plate_finds_the_edge_that_motion_smears(painted, hand):
     assert overlaps[1] > overlaps[0] + 0.02
 
 
+def test_fingers_in_deep_shade_are_hand_or_unknown(painted, hand):
+    """As those of a fist: nothing tells them from the ground in that shade."""
+    shown, empty = painted(), painted(is_shown=False).rgb
+    _, columns = np.nonzero(shown.is_hand)
+    across = np.arange(shown.rgb.shape[1])
+    is_shaded = np.broadcast_to(across < columns.min() + 30, shown.is_hand.shape)
+    tips = shown.is_hand & is_shaded
+    shown.rgb[is_shaded] = 0.25 * empty[is_shaded]
+    shown.rgb[tips] = (24, 20, 18)
+    plate = CleanPlate(empty, np.ones(empty.shape[:2], bool))
+    (labels,) = labelled([shown.rgb], [shown.pose], [shown.camera], hand, plates=[plate])
+    assert (labels[tips] == BACKGROUND).mean() < 0.1
+    assert (labels[:, : columns.min() - 6] == BACKGROUND).mean() > 0.9
+
+
 def test_red_fingertips_are_skin(painted, hand):
     shown = painted()
     _, columns = np.nonzero(shown.is_hand)

@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             (COARSE_ROUND, RoundOptions(args.resolution, levels=True)), fits_poses=not args.without_offset
         )
         person, fitted = person_of_pictures(bases, given, options, say)
-        light = person.lights[hand.pictures[0].scene]
+        light = person.lights.at(hand.pictures[0])
         for name, one in (("base", person.model.with_ratio(None)), ("person", person.model)):
             _report(f"{side} {name}", side, one, fitted, light, distance, args.sheet, say)
 

@@ -8,7 +8,7 @@ see it so; between them, and where none does, the skin moves with its neighbours
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,8 +21,8 @@ from ...records.shot import HandPose
 from ...rigs.model_transfer.registration import Smoothness, smoothed
 from ...system.parallel_map import parallel_map
 from ...system.thread_limits import thread_limit
-from ..lit_model.illumination import Illumination
 from ..lit_model.model import PersonModel
+from ..lit_model.picture_lights import PictureLights
 from .pose_fit import fitted_poses
 from .pose_targets import PoseTargets, pose_targets
 
@@ -52,7 +52,7 @@ class Refit:
 def refitted(
     model: PersonModel,
     pictures: Sequence[HandPicture],
-    lights: Mapping[int, Illumination],
+    lights: PictureLights,
     fits_shape: bool = True,
     on_picture: Callable[[], None] = lambda: None,
     length_m: float | None = None,
@@ -64,7 +64,7 @@ def refitted(
     Args:
         model: with the person's skin so far.
         pictures: with their poses, whose shape is one.
-        lights: by scene.
+        lights: of every picture.
         fits_shape: move the shape, too.
         on_picture: called after each one's flow.
         length_m: of the hand (`hand_size.sized`); None: not known.
@@ -75,7 +75,7 @@ def refitted(
     def targets_in(picture: HandPicture) -> PoseTargets:
         small = made_smaller(picture, longest_px)
         larger_by = np.divide(picture.camera.size_px, small.camera.size_px)
-        return pose_targets(model, small, lights[picture.scene]).enlarged(larger_by)
+        return pose_targets(model, small, lights.at(picture)).enlarged(larger_by)
 
     targets = parallel_map(targets_in, pictures, on_picture)
     with thread_limit(1):  # operations are small: threads would only wait for each other

@@ -8,7 +8,7 @@ next fit goes on from there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from ...system.parallel_map import parallel_map
 from ..lit_model.flow import nearest
 from ..lit_model.illumination import Illumination, encoded_colours
 from ..lit_model.model import PersonModel
+from ..lit_model.picture_lights import PictureLights
 from .pose_targets import visible_vertices
 from .refit import made_smaller
 
@@ -32,16 +33,16 @@ _NEAR = 3  # pictures before and after, whose bend is tried
 
 
 def without_stray_fingers(
-    model: PersonModel, pictures: Sequence[HandPicture], lights: Mapping[int, Illumination]
+    model: PersonModel, pictures: Sequence[HandPicture], lights: PictureLights
 ) -> tuple[tuple[HandPicture, ...], int]:
     """Bend stray fingers as pictures near by have them; returns the pictures, and how many were mended.
 
     Args:
         model: with about the person's skin.
         pictures: in the order in which they were taken, with fitted poses.
-        lights: by scene.
+        lights: of every picture.
     """
-    missed = np.array(parallel_map(lambda one: finger_misses(model, one, lights[one.scene]), pictures))
+    missed = np.array(parallel_map(lambda one: finger_misses(model, one, lights.at(one)), pictures))
     suffices = np.isfinite(missed).sum(0) >= _FEWEST_PICTURES
     usual = np.array(
         [np.nanmedian(each) if enough else np.inf for each, enough in zip(missed.T, suffices, strict=True)]
@@ -51,7 +52,7 @@ def without_stray_fingers(
     mended = list(pictures)
     for index in np.flatnonzero(is_stray.any(1)).tolist():
         near = [pictures[other] for other in _near(index, len(pictures)) if not is_stray[other][is_stray[index]].any()]
-        mended[index] = _best(model, pictures[index], near, is_stray[index], lights[pictures[index].scene])
+        mended[index] = _best(model, pictures[index], near, is_stray[index], lights.at(pictures[index]))
     return tuple(mended), sum(new is not old for new, old in zip(mended, pictures, strict=True))
 
 

@@ -34,6 +34,7 @@ _MOST_PIXELS = 6000  # of one picture
 _OUTLIER = 0.15  # relative error at which a pixel counts half
 _DARK, _LEAST_SHOWN = 0.05, 1e-3  # linear
 _RIDGE = 1e-2
+_NEAR_RIDGE = 0.17  # of the light of one picture towards that of its scene
 _ROUNDS = 6
 _MOST_FITTED = 12_000  # pixels of a scene
 # A tint so strong costs as much as a melanin that is off by a tenth does in relative errors.
@@ -172,6 +173,15 @@ class LitPixels:
             specular=np.concatenate([self.specular, specular], 2),
         )
 
+    def by_picture(self) -> list[LitPixels]:
+        """Return the pixels of each picture."""
+        ends = np.cumsum([len(part.row) for part in self.parts])[:-1]
+        fields = [np.split(each, ends) for each in (self.diffuse, self.specular)]
+        return [
+            replace(self, diffuse=diffuse, specular=specular, shown=part.shown, uv=part.uv, parts=(part,))
+            for diffuse, specular, part in zip(*fields, self.parts, strict=True)
+        ]
+
     def of_sources(self, chosen: Sequence[int]) -> LitPixels:
         """Return these pixels in some of their lights."""
         sources = tuple(self.sources[index] for index in chosen)
@@ -254,31 +264,41 @@ def _lit(
     return diffuse, specular
 
 
-def fitted_light(pixels: LitPixels, ratio: np.ndarray) -> LitStrengths:
+def fitted_light(pixels: LitPixels, ratio: np.ndarray, near: LitStrengths | None = None) -> LitStrengths:
     """Fit a light of one colour to pixels.
 
     Args:
         pixels: of one scene.
         ratio: [P, 3] of the person's albedo over that of the pixels' `diffuse`.
+        near: a light of the same sources, which this one is like: as strong, with its tint; None: none is known.
     """
     step = max(1, len(pixels.shown) // _MOST_FITTED)
     basis, shown = pixels.basis(ratio)[::step].astype(np.float64), pixels.shown[::step].astype(np.float64)
+    log_tint, expected, ridge_of_mean = np.zeros(3), np.zeros(basis.shape[2]), _RIDGE
+    if near is not None:
+        log_tint, expected, ridge_of_mean = near.log_tint, near.strengths, _NEAR_RIDGE
+        shown = shown / np.exp(np.median(_log_gains(shown, basis @ expected * np.exp(log_tint))))
     scale = 1 / (shown + _DARK)
-    weight, log_tint, strengths = np.ones_like(scale), np.zeros(3), np.zeros(basis.shape[2])
-    ridge = np.diag((_RIDGE * scale.mean() * basis.mean((0, 1))) ** 2 * len(basis))
+    weight, strengths = np.ones_like(scale), expected
+    ridge = np.diag((ridge_of_mean * scale.mean() * basis.mean((0, 1))) ** 2 * len(basis))
     error = np.zeros_like(scale)
     for _ in range(_ROUNDS):
         tinted = basis * np.exp(log_tint)[:, None]
         columns = (tinted * (scale * weight)[..., None]).reshape(-1, basis.shape[2])
         root = np.linalg.cholesky(columns.T @ columns + ridge)
-        strengths, _ = nnls(root.T, np.linalg.solve(root, columns.T @ (shown * scale * weight).ravel()))
+        wanted = columns.T @ (shown * scale * weight).ravel() + ridge @ expected
+        strengths, _ = nnls(root.T, np.linalg.solve(root, wanted))
         error = (tinted @ strengths - shown) * scale
         weight = 1 / np.sqrt(1 + (error / _OUTLIER) ** 2)
-        bright = np.log((shown + _LEAST_SHOWN) / (basis @ strengths + _LEAST_SHOWN))
-        log_tint = np.median(bright, 0)
-        log_tint -= log_tint.mean()
+        if near is None:
+            log_tint = np.median(_log_gains(shown, basis @ strengths), 0)
+            log_tint -= log_tint.mean()
     robust = float((_OUTLIER**2 * np.log1p((error / _OUTLIER) ** 2)).mean())
     return LitStrengths(strengths, log_tint, robust + _TINT_COST * float(log_tint @ log_tint) / _TINT_DEVIATION**2)
+
+
+def _log_gains(shown: np.ndarray, rendered: np.ndarray) -> np.ndarray:
+    return np.log((shown + _LEAST_SHOWN) / (rendered + _LEAST_SHOWN))
 
 
 def lobe_directions() -> np.ndarray:

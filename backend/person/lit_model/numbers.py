@@ -165,9 +165,18 @@ class AtlasTone:
 
     def at(self, pixels: LitPixels) -> PixelTones:
         """Look up the skin that pixels show."""
+        fields = (self.texels.as_map(field) for field in (self.bare, self.per_melanin))
+        return PixelTones(pixels, *(field[self._texel(pixels)] for field in fields))
+
+    def ratios_at(self, each: Sequence[LitPixels]) -> list[np.ndarray]:
+        """Look up the ratio [P, 3], with this melanin, of the skin that each picture's pixels show."""
+        ratio = np.exp(self.texels.as_map(self.log_ratio))
+        return [ratio[self._texel(pixels)] for pixels in each]
+
+    def _texel(self, pixels: LitPixels) -> tuple[np.ndarray, np.ndarray]:
         size = self.texels.resolution
         column, row = (pixels.uv * size).astype(int).clip(0, size - 1).T
-        return PixelTones(pixels, *(self.texels.as_map(field)[row, column] for field in (self.bare, self.per_melanin)))
+        return row, column
 
 
 def looked_up(image: np.ndarray, row: np.ndarray, column: np.ndarray, resolution: int) -> np.ndarray:

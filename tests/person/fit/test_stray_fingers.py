@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from livehand.backend.person.fit.stray_fingers import finger_misses, without_stray_fingers
 from livehand.backend.person.lit_model.illumination import Illumination, lobe_directions
+from livehand.backend.person.lit_model.picture_lights import PictureLights
 from livehand.backend.records.hand_picture import UNKNOWN
 from livehand.tests.person.conftest import VIEWS, middle_person, pictured
 
@@ -18,7 +19,7 @@ MIDDLE_FINGER, BEND_RAD = slice(4, 7), 0.9
 def shown():
     directions = lobe_directions()
     light = Illumination(0.1 + 0.4 * directions[:, 2].clip(0), np.ones(3))
-    return pictured(middle_person(), light.light).pictures, {0: light}
+    return pictured(middle_person(), light.light).pictures, PictureLights({0: light})
 
 
 def bent(picture):
@@ -37,7 +38,7 @@ def test_good_fingers_are_left_alone(shown):
 def test_a_stray_finger_is_bent_as_beside_and_nothing_else(shown):
     pictures, lights = shown
     stray = [bent(each) if index == 2 else each for index, each in enumerate(pictures)]
-    misses = [finger_misses(middle_person(), each[2], lights[0])[1] for each in (pictures, stray)]
+    misses = [finger_misses(middle_person(), each[2], lights.of_scene[0])[1] for each in (pictures, stray)]
     assert misses[1] > 3 * misses[0]
     mended, count = without_stray_fingers(middle_person(), stray, lights)
     assert count == 1
@@ -59,5 +60,5 @@ def test_what_hides_a_finger_says_nothing_of_its_bend(shown):
     rgb, labels = pictures[2].rgb.copy(), pictures[2].labels.copy()
     rgb[:], labels[:] = (0, 255, 0), UNKNOWN
     hidden = [replace(each, rgb=rgb, labels=labels) if index == 2 else each for index, each in enumerate(pictures)]
-    assert np.isnan(finger_misses(middle_person(), hidden[2], lights[0])).all()
+    assert np.isnan(finger_misses(middle_person(), hidden[2], lights.of_scene[0])).all()
     assert without_stray_fingers(middle_person(), hidden, lights)[1] == 0

@@ -1,0 +1,92 @@
+"""The light of every picture: its scene's, as it changes with the place of the hand.
+
+A lamp or a window is far, but a table is near: over a white one fingers are lit from below, over a black mat they are
+not, and whoever films throws a shadow. So each picture has a light of its own, near that of its scene; in strength it
+is its scene's, for how bright a palm is beside a back is the skin's to say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...records.hand_picture import HandPicture
+from ...records.light import Light
+from .illumination import Illumination, LitPixels, LitStrengths, fitted_light, lit_pixels
+from .model import PersonModel
+
+_LEAST_PIXELS = 200
+_OwnKey = tuple[int, str]
+
+
+@dataclass(frozen=True)
+class PictureLights:
+    """The light of every picture.
+
+    Attributes:
+        of_scene: by scene.
+        of_picture: by scene and name, of pictures that have one of their own.
+    """
+
+    of_scene: Mapping[int, Illumination]
+    of_picture: Mapping[_OwnKey, Illumination] = field(default_factory=dict)
+
+    def at(self, picture: HandPicture) -> Illumination:
+        """Return the light of a picture."""
+        return self.of_picture.get(_key(picture), self.of_scene[picture.scene])
+
+    def stronger(self, log_gain: float, tint: np.ndarray) -> PictureLights:
+        """Return the lights, all so much stronger, with another tint [3]."""
+        of_scene = {scene: light.stronger(log_gain, tint) for scene, light in self.of_scene.items()}
+        of_picture = {key: light.stronger(log_gain, tint) for key, light in self.of_picture.items()}
+        return PictureLights(of_scene, of_picture)
+
+
+def pixels_of_each(
+    model: PersonModel, pictures: Sequence[HandPicture], of_scenes: Mapping[int, LitPixels]
+) -> dict[_OwnKey, LitPixels]:
+    """Render every picture in the light of every source of its scene, if the scene has others to compare it with.
+
+    Args:
+        model: that rendered the scenes' pixels.
+        pictures: of all scenes.
+        of_scenes: pixels of some of the pictures, which are not rendered again.
+    """
+    known = {_key(one.parts[0].picture): one for of_scene in of_scenes.values() for one in of_scene.by_picture()}
+    for scene, of_scene in of_scenes.items():
+        more = [one for one in pictures if one.scene == scene and _key(one) not in known]
+        if len(more) + len(of_scene.parts) < 2:
+            known = {key: one for key, one in known.items() if key[0] != scene}
+        elif more:
+            lamps: list[Light] = [source for source in of_scene.sources if source.lamps]
+            rendered = lit_pixels(model, more).with_sources(model, lamps)
+            known |= {_key(one.parts[0].picture): one for one in rendered.by_picture()}
+    return {key: one for key, one in known.items() if len(one.shown) >= _LEAST_PIXELS}
+
+
+def fitted_lights(
+    scenes: Mapping[int, LitPixels],
+    of_scene: Mapping[int, LitStrengths],
+    each: Mapping[_OwnKey, LitPixels],
+    ratios_at: Callable[[Sequence[LitPixels]], Sequence[np.ndarray]],
+) -> PictureLights:
+    """Fit the light of each picture, near that of its scene.
+
+    Args:
+        scenes: pixels of every scene.
+        of_scene: the light that was fitted to them.
+        each: pixels of every picture (`pixels_of_each`).
+        ratios_at: returns the ratio [P, 3] of the skin that pixels show, as `fitted_light` takes it.
+    """
+    lights = {scene: Illumination.of(fit, scenes[scene].sources) for scene, fit in of_scene.items()}
+    own = {
+        key: Illumination.of(fitted_light(pixels, ratio, of_scene[key[0]]), pixels.sources)
+        for (key, pixels), ratio in zip(each.items(), ratios_at(list(each.values())), strict=True)
+    }
+    return PictureLights(lights, own)
+
+
+def _key(picture: HandPicture) -> _OwnKey:
+    return picture.scene, picture.name
