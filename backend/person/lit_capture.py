@@ -29,7 +29,7 @@ from .lit_model.illumination import Illumination, fitted_light, linear_colours, 
 from .lit_model.lamp_search import with_lamp
 from .lit_model.model import PersonModel
 from .lit_model.numbers import PixelTones
-from .lit_model.picture_lights import PictureLights
+from .lit_model.picture_lights import PictureIlluminations
 
 _MOST_PICTURES, _REFITS = 120, 2
 _LEAST_ALPHA = 1e-3
@@ -64,7 +64,7 @@ def write_lit_capture(
     pictures = with_gains([replace(one, pose=replace(one.pose, beta=beta)) for one in hand.pictures], model)
     known = PersonModel.of(person, model)
     for _ in range(_REFITS):
-        lights = PictureLights(scene_lights(known, pictures, finds_lamps=False))
+        lights = PictureIlluminations(scene_lights(known, pictures, finds_lamps=False))
         refit = refitted(known, pictures, lights, fits_shape=False)
         log(f"poses: flow was {refit.flow_px:.1f} px, masks overlapped by {refit.overlap:.3f}")
         pictures = with_gains(refit.pictures, model)

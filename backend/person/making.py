@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -29,6 +29,7 @@ from ..surface.skin_patches import RestPoints
 from .albedo.agreement import GatheredRatio
 from .albedo.completion import CompletedRatio, completed_ratio, with_unseen_detail
 from .albedo.gathering import gathered_ratio
+from .bases import Bases, family_at_base, shaped
 from .fit.hand_size import with_mean_proportions
 from .fit.refit import made_smaller, refitted
 from .fit.stray_fingers import without_stray_fingers
@@ -43,7 +44,7 @@ from .lit_model.illumination import (
 from .lit_model.lamp_search import with_lamp
 from .lit_model.model import PersonModel
 from .lit_model.numbers import FIRST_MELANIN, AtlasTone, ToneFamily, fitted_melanin, looked_up
-from .lit_model.picture_lights import PictureLights, fitted_lights, pixels_of_each
+from .lit_model.picture_lights import PictureIlluminations, PixelsOfEach, fitted_lights, pixels_of_each
 from .skin_fit import fitted_to_skin
 
 _REPORTED = 1e-3
@@ -111,14 +112,16 @@ class MadePerson:
         gathered: of the last round.
         lights: of every picture, in the strength that the numbers give.
         lamps: by scene, of strength 1.
+        pixels: of every picture, in each of its scene's lights; none, where pictures have no light of their own.
     """
 
     model: PersonModel
     texels: AtlasTexels
     completed: CompletedRatio
     gathered: GatheredRatio
-    lights: PictureLights
+    lights: PictureIlluminations
     lamps: Mapping[int, Sequence[Light]]
+    pixels: PixelsOfEach
 
     @property
     def steps(self) -> np.ndarray:
@@ -134,7 +137,7 @@ def made_person(
     family: ToneFamily,
     options: MakingOptions,
     log: Log = lambda line: None,
-    lamps: Mapping[int, Sequence[Light]] | None = None,
+    before: MadePerson | None = None,
 ) -> MadePerson:
     """Make a person from pictures whose poses are known well enough for flow to correct the rest.
 
@@ -144,31 +147,34 @@ def made_person(
         family: of skins.
         options: of the rounds.
         log: is told of each light and round.
-        lamps: by scene, where they were looked for before.
+        before: the person of an earlier fit of poses, whose lamps are taken, and pixels if its base is the same.
     """
     shown = [picture for picture in hand.pictures if not picture.is_held_out]
     pixels, base_log_albedo = pixels_of_scenes(base, shown, options.light_pictures), family_at_base(base)
-    if lamps is not None:
-        pixels = {scene: of_scene.with_sources(base, lamps[scene]) for scene, of_scene in pixels.items()}
+    if before is not None:
+        pixels = {scene: of_scene.with_sources(base, before.lamps[scene]) for scene, of_scene in pixels.items()}
     for scene, of_scene in pixels.items():
         log(f"light of scene {scene}: {len(of_scene.shown)} pixels of {len(of_scene.parts)} pictures")
-    skin, made, own = None, None, None
+    skin, made = None, None
+    each = before.pixels if before is not None and before.model.avatar is base.avatar else {}
     for round_index, of_round in enumerate(options.rounds):
         texels = AtlasTexels.of(base.template.corner_uv, base.template.faces, of_round.resolution)
         skin = AtlasTone.of_family(texels, family, base_log_albedo) if skin is None else skin.on(texels)
         tones = {scene: skin.at(of_scene) for scene, of_scene in pixels.items()}
         skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
-        if options.finds_lamps and lamps is None and round_index == 0:
+        if options.finds_lamps and before is None and round_index == 0:
             tones = {scene: with_lamp(base, tone, skin.melanin) for scene, tone in tones.items()}
             pixels = {scene: tone.pixels for scene, tone in tones.items()}
             skin = replace(skin, melanin=fitted_melanin(list(tones.values())))
         fits = {scene: fitted_light(tone.pixels, tone.ratio(skin.melanin)) for scene, tone in tones.items()}
-        if own is None:
-            own = pixels_of_each(base, hand.pictures, pixels) if options.lights_pictures else {}
-        lights = fitted_lights(pixels, fits, own, skin.ratios_at)
+        if options.lights_pictures and not each:
+            each = pixels_of_each(base, hand.pictures, pixels)
+        lights = fitted_lights(pixels, fits, each, skin.ratios_at)
         model = base.with_ratio(_steps(texels, skin.log_ratio))
         pictures = [made_smaller(each, of_round.longest_px) for each in evenly_chosen(shown, of_round.pictures)]
-        gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, of_round.with_flow, of_round.levels)
+        gathered = gathered_ratio(
+            model, texels, pictures, lights.of_scene, skin.log_ratio, of_round.with_flow, of_round.levels
+        )
         _check_seen(gathered)
         completed = completed_ratio(texels, gathered, family, base_log_albedo, skin.melanin, options.kept_low)
         log(_report(round_index, gathered, completed))
@@ -176,42 +182,13 @@ def made_person(
         gain, tint = completed.numbers.log_gain, np.exp(completed.numbers.log_tint)
         lights = lights.stronger(gain, tint)
         model = base.with_ratio(_steps(texels, skin.log_ratio))
-        made = MadePerson(model, texels, completed, gathered, lights, lamps_of(pixels))
+        made = MadePerson(model, texels, completed, gathered, lights, lamps_of(pixels), each)
     assert made is not None
     return made
 
 
 def _steps(texels: AtlasTexels, log_ratio: np.ndarray) -> np.ndarray:
     return ratio_steps(torch.as_tensor(texels.as_map(log_ratio))).numpy()
-
-
-@dataclass(frozen=True)
-class Bases:
-    """Avatars that ship, to begin with.
-
-    Attributes:
-        models: by the melanin of their skin.
-        family: of skins between them.
-    """
-
-    models: Mapping[float, PersonModel]
-    family: ToneFamily
-
-    @classmethod
-    def of(cls, models: Iterable[PersonModel]) -> Bases:
-        """Sort the models of a light and a deep skin, and of any between."""
-        by_melanin = {_melanin(model): model for model in models}
-        any_model = _nearest(by_melanin, FIRST_MELANIN)  # all have one mesh; it is made for those in use
-        lightest, deepest = (by_melanin[melanin] for melanin in (min(by_melanin), max(by_melanin)))
-        return cls(by_melanin, ToneFamily(*(_log_albedo(any_model, one.base_albedo) for one in (lightest, deepest))))
-
-    def nearest(self, melanin: float) -> PersonModel:
-        """Choose the model whose skin is nearest."""
-        return _nearest(self.models, melanin)
-
-
-def _nearest(models: Mapping[float, PersonModel], melanin: float) -> PersonModel:
-    return models[min(models, key=lambda one: abs(one - melanin))]
 
 
 def person_of_pictures(
@@ -243,16 +220,17 @@ def person_of_pictures(
         round_of = partial(_early_round, base, hand, bases.family, early, refits, log)
         fitted = steps.kept(f"round_{index + 1}", round_of, FITTED_ROUND)
         hand, melanin = fitted.fitted(hand), fitted.melanin
-    lamps = None
+    made = None
     for index, rounds in enumerate(_later_rounds(hand, options)):
-        base, of_rounds = shaped(bases.nearest(melanin), hand), replace(options, rounds=rounds)
-        made = made_person(base, hand, bases.family, of_rounds, log, lamps)
+        base = shaped(bases.nearest(melanin), hand)
+        of_rounds = replace(options, rounds=rounds, lights_pictures=options.lights_pictures and index > 0)
+        made = made_person(base, hand, bases.family, of_rounds, log, made)
         if index == 0:
             hand = _with_mended_fingers(made, hand, log)
         hand = _refitted(made, hand, options.length_m, _LATER_REFITS[index], log, fits_offsets=True)
-        melanin, lamps = made.completed.numbers.melanin, made.lamps
+        melanin = made.completed.numbers.melanin
     base = shaped(bases.nearest(melanin), hand)
-    return _with_unseen_detail(made_person(base, hand, bases.family, options, log, lamps)), hand
+    return _with_unseen_detail(made_person(base, hand, bases.family, options, log, made)), hand
 
 
 def _later_rounds(hand: PicturedHand, options: MakingOptions) -> tuple[tuple[RoundOptions, ...], ...]:
@@ -353,29 +331,6 @@ _Refits = tuple[int | None, ...]
 """The longer side of the pictures, px, in each fit of poses; None: their own. The first need nothing fine."""
 _EARLY_REFITS, _CALIBRATED_REFITS = ((_SMALL_PX, _SMALL_PX),), ((None, None),)
 _LATER_REFITS: _Refits = (_SMALL_PX, None)
-
-
-def shaped(model: PersonModel, hand: PicturedHand) -> PersonModel:
-    """Return the model in the hand's own shape, where it is known."""
-    return model if hand.offset_m is None else model.with_offset(hand.offset_m)
-
-
-def _melanin(model: PersonModel) -> float:
-    surface = model.avatar.surface
-    assert surface is not None
-    return surface.person.melanin
-
-
-def family_at_base(model: PersonModel) -> np.ndarray:
-    """Return the logarithm [N, 3] of a base's albedo at the vertices of its surface."""
-    return _log_albedo(model, model.base_albedo)
-
-
-def _log_albedo(model: PersonModel, albedo: np.ndarray) -> np.ndarray:
-    return np.log(model.at_detail(albedo).clip(_LEAST_ALBEDO))
-
-
-_LEAST_ALBEDO = 0.003
 
 
 def _check_seen(gathered: GatheredRatio) -> None:

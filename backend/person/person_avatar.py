@@ -19,8 +19,9 @@ from ..surface.albedo_ratio import MARKS_ARRAYS, RATIO_ARRAY
 from ..surface.atlas_masks import confidence_map, marks_map
 from ..surface.base_surface import whole_surface
 from ..surface.detail_surface import OFFSET_STEP_M
+from .bases import Bases
 from .lit_model.model import PersonModel
-from .making import Bases, MadePerson
+from .making import MadePerson
 
 _MOST_BETA = 3.0
 _MOST_MELANIN, _MOST_BLOOD = 1.2, 2.0

@@ -14,11 +14,12 @@ from ..capture.picture import linear_to_srgb, srgb_to_linear
 from ..records.hand_picture import HAND, UNKNOWN, HandPicture
 from ..system.files import replacing
 from ..system.parallel_map import parallel_map
+from .bases import family_at_base
 from .lit_model.flow import flow_between
 from .lit_model.illumination import Illumination, encoded_colours
 from .lit_model.model import PersonModel
-from .lit_model.picture_lights import PictureLights
-from .making import MadePerson, family_at_base
+from .lit_model.picture_lights import PictureIlluminations
+from .making import MadePerson
 
 _CLIPPED = 0.98
 _ALIGNED_ERODED_PX = 9
@@ -41,7 +42,7 @@ class PersonFigures(NamedTuple):
 
 
 def held_out_figures(
-    model: PersonModel, pictures: Sequence[HandPicture], lights: PictureLights
+    model: PersonModel, pictures: Sequence[HandPicture], lights: PictureIlluminations
 ) -> PersonFigures | None:
     """Measure the pictures that are held out; None: there are none."""
     held_out = [picture for picture in pictures if picture.is_held_out]
@@ -104,7 +105,7 @@ def write_sheet(path: Path, made: MadePerson, pictures: Sequence[HandPicture], c
         image.save(temporary, "PNG")
 
 
-def _pair(made: MadePerson, picture: HandPicture, lights: PictureLights) -> list[np.ndarray]:
+def _pair(made: MadePerson, picture: HandPicture, lights: PictureIlluminations) -> list[np.ndarray]:
     light = lights.at(picture)
     frame = made.model.rendered(picture.pose, picture.camera, light.tinted)
     straight = frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)

@@ -22,7 +22,7 @@ from ..system.thread_limits import thread_limit
 from .lit_model.flow import bilinear, flow_between, local_contrast, nearest
 from .lit_model.illumination import encoded_colours
 from .lit_model.model import PersonModel
-from .lit_model.picture_lights import PictureLights
+from .lit_model.picture_lights import PictureIlluminations
 from .rig.landmark_pose import LandmarkTargets
 from .rig.outline_fit import RigFit, ViewOutlines
 from .rig.outlines import OutlinedGeometry, OutlineTree, outline_of_mask, sure_pixels, tells_edges
@@ -39,7 +39,7 @@ _LEAST_WEIGHT = 0.05
 _CONTRAST_PX = 10.0
 
 
-def fitted_to_skin(model: PersonModel, hand: PicturedHand, lights: PictureLights) -> PicturedHand:
+def fitted_to_skin(model: PersonModel, hand: PicturedHand, lights: PictureIlluminations) -> PicturedHand:
     """Return the hand with pose, shape, offsets and cameras moved to where the pictures show the person's skin.
 
     Args:
@@ -75,7 +75,7 @@ class _RenderedHand:
 
     model: PersonModel
     pictures: tuple[HandPicture, ...]
-    lights: PictureLights
+    lights: PictureIlluminations
     hands: RigHands
 
     def targets(self, state: OffsetFit) -> list[VertexTargets]:
@@ -113,7 +113,7 @@ def _matrix(level: SubdivisionLevel) -> csr_array:
     return csr_array((level.weight.double().numpy(), (level.row.numpy(), level.column.numpy())))
 
 
-def _vertex_targets(model: PersonModel, picture: HandPicture, view: int, lights: PictureLights) -> VertexTargets:
+def _vertex_targets(model: PersonModel, picture: HandPicture, view: int, lights: PictureIlluminations) -> VertexTargets:
     cv2 = load_opencv()
     light = lights.at(picture)
     frame, seen = model.rendered(picture.pose, picture.camera, light.light), model.seen(picture.pose, picture.camera)

@@ -24,7 +24,7 @@ from livehand.backend.person.camera_gains import relative_gains
 from livehand.backend.person.captured_pictures import chosen_views, pictures_of_capture
 from livehand.backend.person.fit.refit import refitted
 from livehand.backend.person.lit_model.illumination import Illumination, fitted_light, lit_pixels
-from livehand.backend.person.lit_model.picture_lights import PictureLights
+from livehand.backend.person.lit_model.picture_lights import PictureIlluminations
 from livehand.backend.person.sources import PictureSource, pictured_hand
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
@@ -221,7 +221,7 @@ def test_refit_shares_poses_and_brings_the_hand_back(truth, hand, read):
     trained = [one for one in read.pictures if not one.is_held_out]
     pictures = [moved_by(one, shifts[one.moment]) for one in trained[::2]]
     base = middle_person().with_offset(read.offset_m)
-    lights = PictureLights({0: light_of(lit_pixels(base, pictures[:3]))})
+    lights = PictureIlluminations({0: light_of(lit_pixels(base, pictures[:3]))})
     moved = refitted(base, pictures, lights).pictures
     for moment, shift in enumerate(shifts):
         (pose,) = {id(one.pose): one.pose for one in moved if one.moment == moment}.values()

@@ -11,13 +11,13 @@ from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.person import making, review
+from livehand.backend.person.bases import family_at_base
 from livehand.backend.person.fit.refit import refitted
 from livehand.backend.person.lit_model.numbers import AtlasTone
-from livehand.backend.person.lit_model.picture_lights import PictureLights
+from livehand.backend.person.lit_model.picture_lights import PictureIlluminations
 from livehand.backend.person.making import (
     MakingOptions,
     RoundOptions,
-    family_at_base,
     lines_of_making,
     made_person,
 )
@@ -73,7 +73,7 @@ def made(bases, hand):
 def test_a_frame_is_the_sum_of_its_parts(truth, hand):
     picture = hand.pictures[1]
     whole = truth.rendered(picture.pose, picture.camera, light())
-    diffuse, specular = truth.rendered_parts(picture.pose, picture.camera, light())
+    ((diffuse, specular),) = truth.rendered_parts(picture.pose, picture.camera, [light()])
     np.testing.assert_allclose(diffuse.rgb + specular.rgb, whole.rgb, atol=1e-5)
     np.testing.assert_array_equal(diffuse.alpha, whole.alpha)
     assert 0.02 < specular.rgb.sum() / whole.rgb.sum() < 0.5
@@ -111,7 +111,7 @@ def test_the_sheet_shows_the_person_in_all_of_the_light_that_was_found(made, han
     towards = picture.camera.cam2world[:3, :3] @ [0, 0, 1.0]
     lamp = Lamp("sun", np.full(3, 2.0), rotation=rotation_facing(-towards))
     lit = replace(found, lamps=(lamp,), tint=np.array([0.9, 1.0, 1.1]))
-    lit_so = PictureLights({0: lit})
+    lit_so = PictureIlluminations({0: lit})
     frame = made.model.rendered(picture.pose, picture.camera, lit.tinted)
     shown = linear_to_srgb((frame.rgb / np.maximum(frame.alpha[..., None], 1e-3)).clip(0, 1))
     filmed = replace(picture, rgb=(255 * shown).round().astype(np.uint8), log_gain=(0.0, 0.0, 0.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.person.lit_model.illumination import Illumination, lobe_directions
-from livehand.backend.person.lit_model.picture_lights import PictureLights
+from livehand.backend.person.lit_model.picture_lights import PictureIlluminations
 from livehand.backend.person.person_avatar import shipped_bases
 from livehand.backend.person.rig.rig_cameras import turned
 from livehand.backend.person.skin_fit import fitted_to_skin
@@ -67,7 +67,7 @@ def test_skin_brings_hand_and_cameras_back(spotted, sees_edges):
     hand = pictured(model, light.light)
     given = [picture if sees_edges else without_edges(picture) for picture in hand.pictures]
     off = [moved(picture, index) for index, picture in enumerate(given)]
-    found = fitted_to_skin(model, replace(hand, pictures=tuple(off)), PictureLights({0: light}))
+    found = fitted_to_skin(model, replace(hand, pictures=tuple(off)), PictureIlluminations({0: light}))
     before, after = (off_px(model, pictures, hand.pictures)[:-1] for pictures in (off, found.pictures))
     assert before.min() > 1
     assert after.max() < 0.5 * before.min()
@@ -81,14 +81,14 @@ def test_a_hand_in_its_place_neither_swells_nor_shrinks(spotted):
     """Its surface lies outside the mesh, by an eighth of a millimetre and more at fingers: the outlines are its own."""
     model, light = spotted
     hand = pictured(model, light.light)
-    assert abs(of_fingers_mm(model, fitted_to_skin(model, hand, PictureLights({0: light})))) < FINGERS_MM
+    assert abs(of_fingers_mm(model, fitted_to_skin(model, hand, PictureIlluminations({0: light})))) < FINGERS_MM
 
 
 def test_bright_grounds_make_no_hand_thinner(spotted):
     model, light = spotted
     hand = pictured(model, light.light)
     pictures = [before_a_bright_ground(one) if index < 3 else one for index, one in enumerate(hand.pictures)]
-    found = fitted_to_skin(model, replace(hand, pictures=tuple(pictures)), PictureLights({0: light}))
+    found = fitted_to_skin(model, replace(hand, pictures=tuple(pictures)), PictureIlluminations({0: light}))
     assert abs(of_fingers_mm(model, found)) < FINGERS_MM
 
 

@@ -24,8 +24,9 @@ from ...backend.avatars.file import save_avatar
 from ...backend.hand.measurements import length_and_breadth_m
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
+from ...backend.person.bases import Bases, family_at_base
 from ...backend.person.fit.hand_size import sized
-from ...backend.person.making import Bases, MakingOptions, family_at_base, person_of_pictures
+from ...backend.person.making import MakingOptions, person_of_pictures
 from ...backend.person.person_avatar import person_avatar, shipped_bases
 from ...backend.person.sources import PictureSource, pictured_hand
 from ...backend.records.hand_picture import HandPicture, PicturedHand

@@ -22,7 +22,7 @@ from ...rigs.model_transfer.registration import Smoothness, smoothed
 from ...system.parallel_map import parallel_map
 from ...system.thread_limits import thread_limit
 from ..lit_model.model import PersonModel
-from ..lit_model.picture_lights import PictureLights
+from ..lit_model.picture_lights import PictureIlluminations
 from .pose_fit import fitted_poses
 from .pose_targets import PoseTargets, pose_targets
 
@@ -52,7 +52,7 @@ class Refit:
 def refitted(
     model: PersonModel,
     pictures: Sequence[HandPicture],
-    lights: PictureLights,
+    lights: PictureIlluminations,
     fits_shape: bool = True,
     on_picture: Callable[[], None] = lambda: None,
     length_m: float | None = None,

@@ -19,7 +19,7 @@ from ...system.parallel_map import parallel_map
 from ..lit_model.flow import nearest
 from ..lit_model.illumination import Illumination, encoded_colours
 from ..lit_model.model import PersonModel
-from ..lit_model.picture_lights import PictureLights
+from ..lit_model.picture_lights import PictureIlluminations
 from .pose_targets import visible_vertices
 from .refit import made_smaller
 
@@ -33,7 +33,7 @@ _NEAR = 3  # pictures before and after, whose bend is tried
 
 
 def without_stray_fingers(
-    model: PersonModel, pictures: Sequence[HandPicture], lights: PictureLights
+    model: PersonModel, pictures: Sequence[HandPicture], lights: PictureIlluminations
 ) -> tuple[tuple[HandPicture, ...], int]:
     """Bend stray fingers as pictures near by have them; returns the pictures, and how many were mended.
 

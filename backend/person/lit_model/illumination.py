@@ -128,7 +128,7 @@ class SurePixels:
 
     def lit(self, model: PersonModel, sources: Sequence[Light]) -> tuple[np.ndarray, np.ndarray]:
         """Render what they show in each of S lights: [P, 3, S] of the skin's body, and of its surface."""
-        frames = [model.rendered_parts(self.picture.pose, self.camera, source) for source in sources]
+        frames = model.rendered_parts(self.picture.pose, self.camera, sources)
         alpha = np.maximum(frames[0].diffuse.alpha[self.row, self.column], 1e-3)[:, None, None]
         diffuse, specular = (
             np.stack([part.rgb[self.row, self.column] for part in parts], -1) / alpha

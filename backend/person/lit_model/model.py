@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -103,10 +104,13 @@ class PersonModel:
         with torch.inference_mode():
             return self.pipeline.render(self._shot(pose, camera, light), _unseen_progress())
 
-    def rendered_parts(self, pose: HandPose, camera: Camera, light: Light) -> DiffuseAndSpecular:
-        """Render the person as `rendered` does, what the skin reflects at its surface apart."""
+    def rendered_parts(self, pose: HandPose, camera: Camera, lights: Sequence[Light]) -> list[DiffuseAndSpecular]:
+        """Render the person in each light as `rendered` does, what the skin reflects at its surface apart."""
+        if not lights:
+            return []
+        shot = self._shot(pose, camera, lights[0])
         with torch.inference_mode():
-            return self.pipeline.render_parts(self._shot(pose, camera, light), _unseen_progress())
+            return [self.pipeline.render_parts(replace(shot, light=light), _unseen_progress()) for light in lights]
 
     def _shot(self, pose: HandPose, camera: Camera, light: Light) -> Shot:
         return Shot(pose, self.vertices(pose), camera, light, hair=0.0)

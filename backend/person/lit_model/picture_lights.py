@@ -1,8 +1,9 @@
 """The light of every picture: its scene's, as it changes with the place of the hand.
 
 A lamp or a window is far, but a table is near: over a white one fingers are lit from below, over a black mat they are
-not, and whoever films throws a shadow. So each picture has a light of its own, near that of its scene; in strength it
-is its scene's, for how bright a palm is beside a back is the skin's to say.
+not, and whoever films throws a shadow. So each picture has a light of its own, near that of its scene, in which poses
+are fitted and pictures compared. In strength it is its scene's, and colours are gathered in its scene's, for a light of
+its own explains a palm away that is paler than the back, and a finger that is redder.
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ from .illumination import Illumination, LitPixels, LitStrengths, fitted_light, l
 from .model import PersonModel
 
 _LEAST_PIXELS = 200
-_OwnKey = tuple[int, str]
+_Key = tuple[int, str]
+PixelsOfEach = Mapping[_Key, LitPixels]
+"""Pixels of pictures, by scene and name."""
 
 
 @dataclass(frozen=True)
-class PictureLights:
+class PictureIlluminations:
     """The light of every picture.
 
     Attributes:
@@ -31,22 +34,22 @@ class PictureLights:
     """
 
     of_scene: Mapping[int, Illumination]
-    of_picture: Mapping[_OwnKey, Illumination] = field(default_factory=dict)
+    of_picture: Mapping[_Key, Illumination] = field(default_factory=dict)
 
     def at(self, picture: HandPicture) -> Illumination:
         """Return the light of a picture."""
         return self.of_picture.get(_key(picture), self.of_scene[picture.scene])
 
-    def stronger(self, log_gain: float, tint: np.ndarray) -> PictureLights:
+    def stronger(self, log_gain: float, tint: np.ndarray) -> PictureIlluminations:
         """Return the lights, all so much stronger, with another tint [3]."""
         of_scene = {scene: light.stronger(log_gain, tint) for scene, light in self.of_scene.items()}
         of_picture = {key: light.stronger(log_gain, tint) for key, light in self.of_picture.items()}
-        return PictureLights(of_scene, of_picture)
+        return PictureIlluminations(of_scene, of_picture)
 
 
 def pixels_of_each(
     model: PersonModel, pictures: Sequence[HandPicture], of_scenes: Mapping[int, LitPixels]
-) -> dict[_OwnKey, LitPixels]:
+) -> PixelsOfEach:
     """Render every picture in the light of every source of its scene, if the scene has others to compare it with.
 
     Args:
@@ -69,9 +72,9 @@ def pixels_of_each(
 def fitted_lights(
     scenes: Mapping[int, LitPixels],
     of_scene: Mapping[int, LitStrengths],
-    each: Mapping[_OwnKey, LitPixels],
+    each: PixelsOfEach,
     ratios_at: Callable[[Sequence[LitPixels]], Sequence[np.ndarray]],
-) -> PictureLights:
+) -> PictureIlluminations:
     """Fit the light of each picture, near that of its scene.
 
     Args:
@@ -85,8 +88,8 @@ def fitted_lights(
         key: Illumination.of(fitted_light(pixels, ratio, of_scene[key[0]]), pixels.sources)
         for (key, pixels), ratio in zip(each.items(), ratios_at(list(each.values())), strict=True)
     }
-    return PictureLights(lights, own)
+    return PictureIlluminations(lights, own)
 
 
-def _key(picture: HandPicture) -> _OwnKey:
+def _key(picture: HandPicture) -> _Key:
     return picture.scene, picture.name

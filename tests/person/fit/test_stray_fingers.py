@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from livehand.backend.person.fit.stray_fingers import finger_misses, without_stray_fingers
 from livehand.backend.person.lit_model.illumination import Illumination, lobe_directions
-from livehand.backend.person.lit_model.picture_lights import PictureLights
+from livehand.backend.person.lit_model.picture_lights import PictureIlluminations
 from livehand.backend.records.hand_picture import UNKNOWN
 from livehand.tests.person.conftest import VIEWS, middle_person, pictured
 
@@ -19,7 +19,7 @@ MIDDLE_FINGER, BEND_RAD = slice(4, 7), 0.9
 def shown():
     directions = lobe_directions()
     light = Illumination(0.1 + 0.4 * directions[:, 2].clip(0), np.ones(3))
-    return pictured(middle_person(), light.light).pictures, PictureLights({0: light})
+    return pictured(middle_person(), light.light).pictures, PictureIlluminations({0: light})
 
 
 def bent(picture):

@@ -12,7 +12,7 @@ from livehand.backend.person.lit_model.illumination import (
     lobe_directions,
     pixels_of_scenes,
 )
-from livehand.backend.person.lit_model.picture_lights import PictureLights, fitted_lights, pixels_of_each
+from livehand.backend.person.lit_model.picture_lights import PictureIlluminations, fitted_lights, pixels_of_each
 from livehand.backend.records.light import Light, Sky
 from livehand.tests.person.conftest import middle_person, pictured
 
@@ -88,7 +88,7 @@ def filmed():
 @pytest.mark.slow
 def test_a_picture_has_its_own_light_and_another_that_of_its_scene(filmed):
     of_scene, own = (Illumination(np.full(32, value), np.ones(3)) for value in (0.1, 0.2))
-    lights = PictureLights({0: of_scene}, {(0, filmed[1].name): own}).stronger(np.log(2), np.full(3, 0.9))
+    lights = PictureIlluminations({0: of_scene}, {(0, filmed[1].name): own}).stronger(np.log(2), np.full(3, 0.9))
     for picture, lobe in zip(filmed, (0.2, 0.4, 0.2), strict=True):
         np.testing.assert_allclose(lights.at(picture).lobes, lobe)
         np.testing.assert_allclose(lights.at(picture).tint, 0.9)
