@@ -29,10 +29,8 @@ _MOST_UNEXPLAINED, _NOISE = 0.2, 0.01  # of a colour, and linear
 _LEAST_APART = 0.02  # squared sine of the angle between the two colours
 _DARKEST_SHADE, _BRIGHTEST_GROUND = 0.3, 1.25  # of the light without a shadow
 _DARKEST_SKIN = 0.3  # of the skin around
-_PURE, _MIXED = (
-    0.8,
-    0.01,
-)  # share of the light from skin where there is no mixture; how wide edges are, of the longer side
+_PURE = 0.8  # share of a pixel's light that comes from skin where nothing else is shown
+_MIXED = 0.01  # how wide edges are, of the picture's longer side
 _LEAST_RING_PX = 50
 
 
@@ -146,7 +144,8 @@ def _spread(shown: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
 
 
 def _opened(mask: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
-    return load_opencv().morphologyEx(mask.astype(np.uint8), load_opencv().MORPH_OPEN, np.ones((3, 3))) > 0
+    cv2 = load_opencv()
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))) > 0
 
 
 def _widened(mask: Bool[np.ndarray, "H W"], by_px: int) -> Bool[np.ndarray, "H W"]:
