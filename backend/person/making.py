@@ -1,6 +1,7 @@
 """A person from pictures: the main road.
 
-- light (`numbers`, `illumination`): of every scene, and the melanin of the skin in which it explains them best
+- light (`numbers`, `illumination`): of every scene, and the melanin of the skin in which it explains them best;
+  of every picture, near its scene's (`picture_lights`)
 - gather (`gathering`): what pictures show of each texel
 - numbers (`numbers`): blood; strength and tint of the light
 - complete (`completion`): delighting with a prior, and what no picture shows; at the end with the contrast of the rest
