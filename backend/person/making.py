@@ -1,7 +1,7 @@
 """A person from pictures: the main road.
 
 - light (`numbers`, `illumination`): of every scene, and the melanin of the skin in which it explains them best;
-  of every picture, near its scene's (`picture_lights`)
+  of every picture, where it moves (`picture_lights`)
 - gather (`gathering`): what pictures show of each texel
 - numbers (`numbers`): blood; strength and tint of the light
 - complete (`completion`): delighting with a prior, and what no picture shows; at the end with the contrast of the rest
@@ -173,9 +173,7 @@ def made_person(
         lights = fitted_lights(pixels, fits, each, skin.ratios_at)
         model = base.with_ratio(_steps(texels, skin.log_ratio))
         pictures = [made_smaller(each, of_round.longest_px) for each in evenly_chosen(shown, of_round.pictures)]
-        gathered = gathered_ratio(
-            model, texels, pictures, lights.of_scene, skin.log_ratio, of_round.with_flow, of_round.levels
-        )
+        gathered = gathered_ratio(model, texels, pictures, lights, skin.log_ratio, of_round.with_flow, of_round.levels)
         _check_seen(gathered)
         completed = completed_ratio(texels, gathered, family, base_log_albedo, skin.melanin, options.kept_low)
         log(_report(round_index, gathered, completed))

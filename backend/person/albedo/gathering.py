@@ -8,7 +8,7 @@ as bright, in the channels that it clipped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ from ...system.parallel_map import parallel_map
 from ..lit_model.flow import bilinear, flow_between, nearest
 from ..lit_model.illumination import Illumination, encoded_colours, linear_colours
 from ..lit_model.model import GeometryMaps, PersonModel
+from ..lit_model.picture_lights import PictureIlluminations
 from .agreement import GatheredRatio, TexelSighting, agreed_ratio, levelled
 
 _LEAST_FACING = 0.25
@@ -39,7 +40,7 @@ def gathered_ratio(
     model: PersonModel,
     texels: AtlasTexels,
     pictures: Sequence[HandPicture],
-    lights: Mapping[int, Illumination],
+    lights: PictureIlluminations,
     ratio: np.ndarray | None,
     with_flow: bool = True,
     levels: bool = False,
@@ -51,7 +52,7 @@ def gathered_ratio(
         model: with the ratio so far.
         texels: of the atlas.
         pictures: of the hand.
-        lights: by scene.
+        lights: of every picture.
         ratio: [T, 3] logarithms that the model has; None: zeros.
         with_flow: correct places by flow; harmful while the model's texture is not the person's and views differ much.
         levels: take what is coarse from all pictures together (`levelled`): of the last texture, for poses are found
@@ -61,7 +62,7 @@ def gathered_ratio(
     usual_px_per_mm = float(np.median([_px_per_mm(picture) for picture in pictures]))
 
     def sighting_in(picture: HandPicture) -> TexelSighting:
-        sighting = _sighting(model, texels, picture, lights[picture.scene], with_flow, usual_px_per_mm)
+        sighting = _sighting(model, texels, picture, lights.at(picture), with_flow, usual_px_per_mm)
         known = 0 if ratio is None else ratio
         log_ratio, coarse = ((each + known).astype(np.float16) for each in (sighting.log_ratio, sighting.coarse))
         return sighting._replace(log_ratio=log_ratio, coarse=coarse)

@@ -293,8 +293,20 @@ def fitted_light(pixels: LitPixels, ratio: np.ndarray, near: LitStrengths | None
         if near is None:
             log_tint = np.median(_log_gains(shown, basis @ strengths), 0)
             log_tint -= log_tint.mean()
-    robust = float((_OUTLIER**2 * np.log1p((error / _OUTLIER) ** 2)).mean())
-    return LitStrengths(strengths, log_tint, robust + _TINT_COST * float(log_tint @ log_tint) / _TINT_DEVIATION**2)
+    return LitStrengths(
+        strengths, log_tint, _robust(error) + _TINT_COST * float(log_tint @ log_tint) / _TINT_DEVIATION**2
+    )
+
+
+def error_of(light: LitStrengths, pixels: LitPixels, ratio: np.ndarray) -> float:
+    """Measure the robust mean of squared relative errors that a light leaves in pixels, after their median gain."""
+    rendered = pixels.basis(ratio).astype(np.float64) @ light.strengths * np.exp(light.log_tint)
+    shown = pixels.shown / np.exp(np.median(_log_gains(pixels.shown, rendered)))
+    return _robust((rendered - shown) / (shown + _DARK))
+
+
+def _robust(error: np.ndarray) -> float:
+    return float((_OUTLIER**2 * np.log1p((error / _OUTLIER) ** 2)).mean())
 
 
 def _log_gains(shown: np.ndarray, rendered: np.ndarray) -> np.ndarray:

@@ -1,9 +1,9 @@
-"""The light of every picture: its scene's, as it changes with the place of the hand.
+"""The light of every picture: its scene's, or its own where light changes with the place of the hand.
 
 A lamp or a window is far, but a table is near: over a white one fingers are lit from below, over a black mat they are
-not, and whoever films throws a shadow. So each picture has a light of its own, near that of its scene, in which poses
-are fitted and pictures compared. In strength it is its scene's, and colours are gathered in its scene's, for a light of
-its own explains a palm away that is paler than the back, and a finger that is redder.
+not, and whoever films throws a shadow. Such pictures have lights of their own, near that of their scene and as strong.
+Where light rests a light of its own would explain skin away, a palm that is paler than the back, or a finger that is
+redder. So a scene's light moves only if its pictures' own lights explain them all together much better.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import numpy as np
 
 from ...records.hand_picture import HandPicture
 from ...records.light import Light
-from .illumination import Illumination, LitPixels, LitStrengths, fitted_light, lit_pixels
+from .illumination import Illumination, LitPixels, LitStrengths, error_of, fitted_light, lit_pixels
 from .model import PersonModel
 
 _LEAST_PIXELS = 200
+_MOVES = 0.85  # error that own lights leave over what the scene's leaves, below which light moves
 _Key = tuple[int, str]
 PixelsOfEach = Mapping[_Key, LitPixels]
 """Pixels of pictures, by scene and name."""
@@ -75,7 +76,7 @@ def fitted_lights(
     each: PixelsOfEach,
     ratios_at: Callable[[Sequence[LitPixels]], Sequence[np.ndarray]],
 ) -> PictureIlluminations:
-    """Fit the light of each picture, near that of its scene.
+    """Fit the light of each picture, near that of its scene, of scenes whose light moves.
 
     Args:
         scenes: pixels of every scene.
@@ -84,10 +85,15 @@ def fitted_lights(
         ratios_at: returns the ratio [P, 3] of the skin that pixels show, as `fitted_light` takes it.
     """
     lights = {scene: Illumination.of(fit, scenes[scene].sources) for scene, fit in of_scene.items()}
-    own = {
-        key: Illumination.of(fitted_light(pixels, ratio, of_scene[key[0]]), pixels.sources)
-        for (key, pixels), ratio in zip(each.items(), ratios_at(list(each.values())), strict=True)
-    }
+    own = {}
+    for scene, near in of_scene.items():
+        found = {key: pixels for key, pixels in each.items() if key[0] == scene}
+        rows = list(zip(found.values(), ratios_at(list(found.values())), strict=True))
+        fits = [fitted_light(pixels, ratio, near) for pixels, ratio in rows]
+        left = sum(error_of(fit, *row) for fit, row in zip(fits, rows, strict=True))
+        if left < _MOVES * sum(error_of(near, *row) for row in rows):
+            lit = (Illumination.of(fit, pixels.sources) for fit, (pixels, _) in zip(fits, rows, strict=True))
+            own |= dict(zip(found, lit, strict=True))
     return PictureIlluminations(lights, own)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from livehand.backend.person.albedo.gathering import gathered_ratio
 from livehand.backend.person.lit_model.illumination import Illumination, lobe_directions
+from livehand.backend.person.lit_model.picture_lights import PictureIlluminations
 from livehand.backend.surface.atlas_texels import AtlasTexels
 from livehand.tests.person.conftest import middle_person, pictured
 from scipy.ndimage import binary_erosion
@@ -21,7 +22,7 @@ def gathered():
     picture = pictured(model, light.light, 1).pictures[0]
     template = model.template
     texels = AtlasTexels.of(template.corner_uv, template.faces, ATLAS_PX)
-    found = gathered_ratio(model, texels, [picture], {0: light}, None, with_flow=False)
+    found = gathered_ratio(model, texels, [picture], PictureIlluminations({0: light}), None, with_flow=False)
     return model.seen(picture.pose, picture.camera), texels, found
 
 

@@ -8,6 +8,7 @@ from livehand.backend.person.lit_model.illumination import (
     Illumination,
     LitPixels,
     LitStrengths,
+    error_of,
     fitted_light,
     lobe_directions,
     pixels_of_scenes,
@@ -34,21 +35,46 @@ def seen_in(lobes, noise=0.02, exposure=1.0):
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     facing = (normals @ lobe_directions().T).clip(0)[:, None]
     diffuse = np.repeat(0.4 * facing, 3, 1)
-    shown = exposure * (diffuse @ lobes + 0.02) * np.exp(rng.normal(0, noise, (PIXELS, 3)))
+    shown = exposure * (diffuse @ lobes) * np.exp(rng.normal(0, noise, (PIXELS, 3)))
     lights = (Light(),) * len(lobes)
     return LitPixels(lights, diffuse, np.full_like(diffuse, 1e-4), shown, np.zeros((PIXELS, 2)))
 
 
+def fitted(*pictures):
+    pixels = {(0, str(index)): one for index, one in enumerate(pictures)}
+    return fitted_lights({0: pictures[0]}, {0: SCENE}, pixels, even_skin)
+
+
 def own_lobes(pixels):
-    lights = fitted_lights({0: pixels}, {0: SCENE}, {(0, "one"): pixels}, even_skin)
+    return fitted_light(pixels, np.ones_like(pixels.shown), SCENE).strengths
+
+
+def test_a_light_that_moves_is_each_pictures_own():
+    lights = fitted(seen_in(ABOVE), seen_in(ABOVE + BELOW), seen_in(ABOVE + BELOW, exposure=0.8))
     np.testing.assert_array_equal(lights.of_scene[0].lobes, ABOVE)
-    return lights.of_picture[0, "one"].lobes
+    sums = [lights.of_picture[0, name].lobes[lobe_directions()[:, 2] < -0.4].sum() for name in "012"]
+    assert sums[0] < 0.1 * sums[1]
+    assert sums[2] == pytest.approx(sums[1], rel=0.05)
+
+
+def test_a_light_that_rests_is_the_scenes():
+    """What skin leaves unexplained, here a tenth of noise, is no light's to explain."""
+    assert not fitted(*(seen_in(ABOVE, 0.1, exposure) for exposure in (0.8, 1.0, 1.2))).of_picture
+
+
+def test_errors_are_those_after_the_pictures_gain():
+    pixels, ratio = seen_in(ABOVE, 0.1), np.ones((PIXELS, 3))
+    brighter = replace(pixels, shown=1.5 * pixels.shown)
+    errors = [error_of(SCENE, each, ratio) for each in (pixels, brighter, seen_in(ABOVE + BELOW, 0.1))]
+    assert 0.002 < errors[0] < 0.01  # a tenth, squared, and less where pixels are dark
+    assert errors[1] == pytest.approx(errors[0], rel=0.1)
+    assert errors[2] > 2 * errors[0]
 
 
 def test_light_from_below_is_the_pictures_own():
     pixels = seen_in(ABOVE + BELOW)
     found = own_lobes(pixels)
-    uneven = [np.log((pixels.diffuse @ lobes + 0.02) / pixels.shown).std() for lobes in (ABOVE, found)]
+    uneven = [np.log((pixels.diffuse @ lobes + 0.02) / (pixels.shown + 0.02)).std() for lobes in (ABOVE, found)]
     assert uneven[1] < uneven[0] / 3
     is_below = lobe_directions()[:, 2] < -0.4
     assert found[is_below].sum() / found.sum() > 0.7 * BELOW[is_below].sum() / (ABOVE + BELOW).sum()
